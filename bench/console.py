@@ -62,7 +62,8 @@ def run() -> dict[str, float | None]:
     (with the 300 ms in which people continue typing) and `_next_page_ms`, and `_event_to_page_p95_ms` on the
     list. A figure is None, and a line says why, where a page did not answer in time or was loaded again."""
     figures: dict[str, float | None] = {}
-    with chromium() as browser:
+    # The views would be drawn by the cores that are measured.
+    with chromium(three_d=False) as browser:
         with _console("eth-tester") as (running, dao, origin), _circling_robot(running):
             page = _logged_in(browser, origin)
             figures |= measured(lambda: _interactive_ms(page), "console_interactive_ms")

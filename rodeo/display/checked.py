@@ -102,7 +102,9 @@ def _line(check: Json) -> Line:
     state = _STATES.get(passed, "skipped") if passed is None or isinstance(passed, bool) else "skipped"
     if passed is False and (instead := check.get("instead") or (check.get("fault") and "undecided")):
         state = str(instead)[:_VALUE].replace("_", " ")
-    measured, limit, unit = check.get("measured"), check.get("limit"), str(check.get("unit") or "")[:_VALUE]
+    measured: Any = check.get("measured")
+    limit: Any = check.get("limit")
+    unit = str(check.get("unit") or "")[:_VALUE]
     used = None
     if (at_most := _direction(measured, limit, passed)) is not None:
         used = _used(float(measured), float(limit), at_most)

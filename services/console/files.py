@@ -4,6 +4,7 @@
 
 import tempfile
 from collections.abc import Iterator
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated
 
@@ -16,13 +17,14 @@ from rodeo.errors import RodeoError
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console
 from services.console.rest import status_of
+from services.console.solids import solids
 
 _PAGE = 500
 
 
 def router(console: Console) -> APIRouter:
-    """GET /files/proof/<task>?attempt=<number>, /files/transfers.csv?account=<name> and
-    /files/earnings.csv."""
+    """GET /files/proof/<task>?attempt=<number>, /files/transfers.csv?account=<name>, /files/earnings.csv and
+    /files/lab.json (`solids`)."""
     routes = APIRouter(include_in_schema=False)
 
     def folder() -> Iterator[Path]:
@@ -36,6 +38,15 @@ def router(console: Console) -> APIRouter:
         except RodeoError as error:
             return JSONResponse(error.to_json(), status_of(error))
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")
+
+    drawn = cache(partial(solids, console.site))
+
+    @routes.get("/files/lab.json")
+    def lab() -> Response:
+        try:
+            return JSONResponse(drawn(), headers={"Cache-Control": "private, max-age=3600"})
+        except RodeoError as error:
+            return JSONResponse(error.to_json(), status_of(error))
 
     @routes.get("/files/transfers.csv")
     def transfers(account: str) -> Response:

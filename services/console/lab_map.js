@@ -1,5 +1,5 @@
 // The lab seen from above, in SVG. Frame `map`: x east, y north, metres; one SVG unit is one metre.
-// One component for the live view, for choosing a place, and for replaying a recording.
+// One component for the live view, for choosing a place, and for a recording that `lab_replay.js` replays.
 
 const SVG = "http://www.w3.org/2000/svg";
 const MARGIN_M = 0.35;
@@ -15,12 +15,6 @@ function node(tag, attributes = {}, parent = null, text = null) {
 // A point of the map as "x,y" of the picture, whose y points down.
 const at = ([x, y]) => `${x},${-y}`;
 const placed = ({ x, y, yaw = 0 }) => `translate(${x}px, ${-y}px) rotate(${-yaw}rad)`;
-const clock = (seconds) => {
-  const whole = Math.max(0, Math.round(seconds));
-  const minutes = String(Math.floor(whole / 60) % 60).padStart(2, "0");
-  const hours = Math.floor(whole / 3600);
-  return `${hours ? hours + ":" : ""}${minutes}:${String(whole % 60).padStart(2, "0")}`;
-};
 
 export default {
   props: { lab: Object, pick: Boolean, label: String },
@@ -28,45 +22,19 @@ export default {
   template: `
     <div class="lab-map">
       <svg ref="svg" role="img" :aria-label="label" @click="onClick"></svg>
-      <div v-if="track" class="lab-map-player">
-        <button type="button" class="lab-map-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'">
-          {{ playing ? "❚❚" : "▶" }}
-        </button>
-        <input type="range" min="0" :max="track.duration_s" step="0.1" v-model.number="now_s"
-               aria-label="Time in the recording" :aria-valuetext="spoken" @input="stop" />
-        <output>{{ spoken }}</output>
-        <label class="lab-map-speed">Speed
-          <select v-model.number="speed"><option :value="1">1×</option><option :value="10">10×</option><option :value="30">30×</option></select>
-        </label>
-      </div>
-      <ol v-if="track && track.marks.length" class="lab-map-marks" aria-label="What was recorded">
-        <li v-for="mark in track.marks" :class="{ past: mark.t <= now_s }">
-          <button type="button" @click="jump(mark.t)"><time>{{ time(mark.t) }}</time> {{ mark.text }}</button>
-        </li>
-      </ol>
     </div>`,
-  data: () => ({ track: null, now_s: 0, playing: false, speed: 10 }),
-  computed: {
-    spoken() {
-      return `${clock(this.now_s)} of ${clock(this.track.duration_s)}`;
-    },
-  },
-  watch: {
-    now_s() {
-      this.showReplay();
-    },
-  },
   mounted() {
     this.robots = {};
     this.items = {};
     this.drawLab();
+    // A recording beside it is shown instead of what is live; nothing ends that.
+    this.views = this.$el.closest(".lab-views");
+    this.views?.addEventListener("lab-replayed", this.onReplay);
   },
   unmounted() {
-    cancelAnimationFrame(this.frame);
+    this.views?.removeEventListener("lab-replayed", this.onReplay);
   },
   methods: {
-    time: clock,
-
     drawLab() {
       const svg = this.$refs.svg;
       const [width, height] = this.lab.size_m;
@@ -153,12 +121,22 @@ export default {
     },
 
     live(state) {
-      if (!this.track) this.show(state);
+      if (!this.replays) this.show(state);
     },
 
-    // robots: {name: {x, y, yaw, arm?, soc?, fresh, path?}}; items: {id: {x, y, z, fresh}}. What has no place
+    onReplay({ detail }) {
+      this.replays = detail !== null;
+      const nowhere = (drawn) => Object.fromEntries(Object.keys(drawn).map((name) => [name, {}]));
+      if (!detail?.goesOn) this.show({ robots: nowhere(this.robots), items: nowhere(this.items) });
+      if (detail) this.show(detail);
+    },
+
+    // robots: {name: {x, y, yaw, arm?, joints?, soc?, fresh, path?}}; items: {id: {x, y, z, quat?, fresh}}. What has no place
     // is hidden.
     show(state) {
+      // The 3-D view beside it shows the same, also if it comes later.
+      this.$el.shown = state;
+      this.$el.dispatchEvent(new CustomEvent("lab-shown", { detail: state, bubbles: true }));
       for (const [name, one] of Object.entries(state.robots)) {
         const drawn = this.robot(name);
         const visibility = one.x === undefined ? "hidden" : "visible";
@@ -219,60 +197,6 @@ export default {
       if (place[0] < 0 || place[1] < 0 || place[0] > width || place[1] > height) return;
       this.mark(place);
       this.$emit("place", place);
-    },
-
-    // track: {duration_s, t: [..], robots: {name: {x, y, yaw, arm, soc}}, items: {id: {x, y, z}}, marks: [{t, text}]}
-    // Null ends the replay.
-    replay(track) {
-      this.stop();
-      this.track = track;
-      this.now_s = 0;
-      const nowhere = (drawn) => Object.fromEntries(Object.keys(drawn).map((name) => [name, {}]));
-      this.show({ robots: nowhere(this.robots), items: nowhere(this.items) });
-      this.showReplay();
-    },
-
-    showReplay() {
-      if (!this.track) return;
-      const { t, robots, items } = this.track;
-      let low = 0;
-      let high = t.length - 1;
-      while (low < high) {
-        const middle = (low + high + 1) >> 1;
-        if (t[middle] <= this.now_s) low = middle;
-        else high = middle - 1;
-      }
-      const pick = (columns) =>
-        Object.fromEntries(Object.entries(columns).map(([key, values]) => [key, values[low] ?? undefined]));
-      const state = { robots: {}, items: {} };
-      for (const [name, one] of Object.entries(robots))
-        state.robots[name] = { ...pick(one), fresh: true, path: one.x.slice(0, low + 1).map((x, i) => [x, one.y[i]]) };
-      for (const [id, one] of Object.entries(items)) state.items[id] = { ...pick(one), fresh: true };
-      this.show(state);
-    },
-
-    jump(seconds) {
-      this.stop();
-      this.now_s = seconds;
-    },
-
-    stop() {
-      this.playing = false;
-      cancelAnimationFrame(this.frame);
-    },
-
-    toggle() {
-      if (this.playing) return this.stop();
-      if (this.now_s >= this.track.duration_s) this.now_s = 0;
-      this.playing = true;
-      let before = performance.now();
-      const step = (now) => {
-        this.now_s = Math.min(this.now_s + ((now - before) / 1000) * this.speed, this.track.duration_s);
-        before = now;
-        if (this.now_s >= this.track.duration_s) this.stop();
-        else this.frame = requestAnimationFrame(step);
-      };
-      this.frame = requestAnimationFrame(step);
     },
   },
 };

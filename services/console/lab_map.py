@@ -1,4 +1,4 @@
-"""The map of the lab as an element of a page."""
+"""The lab as elements of a page: its map, its view in three dimensions, and the replay that moves both."""
 
 from __future__ import annotations
 
@@ -33,6 +33,30 @@ class LabMap(ui.element, component="lab_map.js"):
     def mark_place(self, place: tuple[float, float] | None) -> None:
         self.run_method("mark", None if place is None else list(place))
 
-    def replay(self, track: Json | None) -> None:
-        """Show a recording (`replay.track`) with a time slider; None ends that."""
+
+class LabScene(ui.element, component="lab_scene.js"):
+    """Shows what the `LabMap` in the same `LabViews` shows; it loads `solids` itself."""
+
+    _three = ui.scene
+    """Serves three.js under the name by which the component imports it."""
+
+    def __init__(self, label: str) -> None:
+        super().__init__()
+        self._props["label"] = label
+        self._props["source"] = "/files/lab.json"
+
+
+class LabReplay(ui.element, component="lab_replay.js"):
+    def show(self, track: Json | None) -> None:
+        """Show a recording (`replay.track`) in the views beside it; None ends that."""
         self.run_method("replay", track)
+
+
+class LabViews:
+    """Both views side by side. What `map` shows live, or `replay` of a recording, moves both."""
+
+    def __init__(self, lab: Json, what: str) -> None:
+        with ui.element("div").classes("lab-views"):
+            LabScene(f"The lab in three dimensions: {what}")
+            self.map = LabMap(lab, f"Map of the lab: {what}")
+            self.replay = LabReplay()

@@ -32,6 +32,7 @@ from rodeo.ros2.readings import MOST_PUBLISHERS, Unknown
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
+from services.console import solids
 from services.console.heartbeats import Heartbeats
 from services.console.queries import Queries
 from services.console.scene import arm_drawing
@@ -304,7 +305,10 @@ class Live:
             pose = self._newest[topics.MOCAP_POSE.name(body=item.id)]
             if pose.message is not None:
                 at = pose.message.position
-                items[item.id] = {"x": _mm(at.x), "y": _mm(at.y), "z": _mm(at.z), "fresh": pose.fresh}
+                turned = pose.message.orientation
+                quat = [_mm(one) for one in (turned.w, turned.x, turned.y, turned.z)]
+                place = {"x": _mm(at.x), "y": _mm(at.y), "z": _mm(at.z), "quat": quat}
+                items[item.id] = place | {"fresh": pose.fresh}
         return {"robots": robots, "items": items}
 
     def _robot_state(self, robot: RobotConfig) -> Json:
@@ -319,6 +323,7 @@ class Live:
         elif odom.message is not None:
             state |= _pose(odom.message) | {"fresh": odom.fresh, "source": "wheel odometry"}
         if joints.message is not None and joints.fresh:
+            state["joints"] = solids.joints(robot.kinematics, joints.message)
             arm = arm_drawing(robot.kinematics)
             if joints.message.keys() >= {*arm.joints}:
                 state["arm"] = arm.points(np.array([joints.message[joint] for joint in arm.joints]))

@@ -1,7 +1,8 @@
-"""A recording as the map replays it: poses at a few hundred instants, and what was stated in between."""
+"""A recording as pages replay it: poses at a few hundred instants, statements in between, and pictures."""
 
 from __future__ import annotations
 
+import base64
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.headings import yaws_of
+from rodeo.ros2 import types
+from rodeo.ros2.errors import MalformedMessage
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
@@ -21,6 +24,7 @@ from rodeo.text.strict_json import Json
 from rodeo.witness.motion import track as signed_track
 from rodeo.witness.statement import Classification, Drop, Motion, Removal, Watch, parse
 from services.console.scene import arm_drawing
+from services.console.solids import joint_names
 
 Array = np.ndarray[Any, Any]
 
@@ -29,10 +33,13 @@ FRAMES = 600
 _MARKS = 60
 _TEXT = 160
 """Characters of one mark."""
+_PICTURES, _PICTURE_BYTES = 6, 200_000
+"""Most pictures of one camera, and most bytes of one: they come in the page's own message."""
+_KINDS = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpeg"}
 
 
 def track(proof: Proof, site: Site) -> Json:
-    """What `LabMap.replay` shows. Raises EvidenceError when a topic cannot be read."""
+    """What `LabReplay` shows. Raises EvidenceError when a topic cannot be read."""
     start_ns, end_ns = proof.start_ns, proof.end_ns
     duration_s = (end_ns - start_ns) * 1e-9
     frames = int(min(FRAMES, max(2, duration_s * 2)))
@@ -50,6 +57,7 @@ def track(proof: Proof, site: Site) -> Json:
             item.id: columns for item in site.items if (columns := _pose(motion, item.id, at_ns)) is not None
         },
         "marks": _marks(proof, start_ns),
+        "pictures": _pictures(proof, site),
     }
 
 
@@ -86,7 +94,8 @@ def _pose(motion: list[Motion], body: str, at_ns: Array) -> Json | None:
     rows = np.clip(np.searchsorted(seen.time_us, at_ns // 1000, side="right") - 1, 0, len(seen.time_us) - 1)
     x, y, z = seen.position_m[rows].T
     yaw = _rounded(yaws_of(seen.quaternion[rows]))
-    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z), "yaw": yaw}
+    quat = [_rounded(one) for one in seen.quaternion[rows]]
+    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z), "yaw": yaw, "quat": quat}
 
 
 def _robot(proof: Proof, motion: list[Motion], robot: RobotConfig, at_ns: Array) -> Json | None:
@@ -108,10 +117,22 @@ def _robot(proof: Proof, motion: list[Motion], robot: RobotConfig, at_ns: Array)
         except LayoutChanged:
             angles = np.empty((0, len(arm.joints)))  # another robot's arm, which this map cannot draw
         columns["arm"] = [arm.points(row) for row in angles]
+        columns["joints"] = _joints(joints, joint_names(robot.kinematics), at_ns)
     battery = _table(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=namespace))
     if battery is not None:
         columns["soc"] = _rounded(battery["percentage"][_rows(battery, at_ns)])
     return columns
+
+
+def _joints(table: Table, names: list[str], at_ns: Array) -> list[list[float | None]]:
+    """At each instant the positions of the drawing's joints; None of those that were not recorded."""
+    known = set(table.names())
+    rows = _rows(table, at_ns)
+    columns = [
+        _rounded(table.named("position", [name])[rows, 0]) if name in known else [None] * len(rows)
+        for name in names
+    ]
+    return [list(one) for one in zip(*columns, strict=True)]
 
 
 def _yaw(table: Table, path: str, rows: Array) -> Array:
@@ -130,6 +151,33 @@ def _marks(proof: Proof, start_ns: int) -> list[Json]:
         marks.append({"t": round((log_ns - start_ns) * 1e-9, 1), "text": text[:_TEXT], "from": topic})
     marks.sort(key=lambda mark: mark["t"])
     return marks[:_MARKS]
+
+
+def _pictures(proof: Proof, site: Site) -> list[Json]:
+    """The last pictures of each camera of the recording."""
+    cameras = {topics.BIN_IMAGE.name(bin=one.name): f"{one.name}'s camera" for one in site.bins}
+    cameras |= {
+        topics.WRIST_IMAGE.name(ns=one.namespace): f"{one.name}'s wrist camera" for one in site.robots
+    }
+    return [
+        {"t": round((log_ns - proof.start_ns) * 1e-9, 1), "from": whose, "src": src}
+        for topic, whose in cameras.items()
+        if (column := proof.topics.get("/" + topic)) is not None
+        for log_ns, data in [*zip(column.log_ns, column.data, strict=True)][-_PICTURES:]
+        if (src := _picture(data))
+    ]
+
+
+def _picture(data: bytes) -> str:
+    """As the source of an image; empty for what is none, or too large."""
+    try:
+        picture = types.deserialize(data, topics.BIN_IMAGE.type).data.tobytes()
+    except MalformedMessage:
+        return ""
+    kind = next((kind for start, kind in _KINDS.items() if picture.startswith(start)), "")
+    if not kind or len(picture) > _PICTURE_BYTES:
+        return ""
+    return f"data:image/{kind};base64,{base64.b64encode(picture).decode()}"
 
 
 def _said(proof: Proof) -> list[tuple[str, int, str]]:

@@ -92,13 +92,20 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     assert desk.running.site.store_url in task["proof_uri"]
     assert download.value.path().read_bytes()[:5] == b"\x89MCAP"
 
+    view = page.locator(".lab-scene")
+    view.scroll_into_view_if_needed()
+    expect(view.locator("canvas")).to_be_visible()
     page.get_by_role("button", name="Replay the recording").click()
     slider = page.get_by_role("slider", name="Time in the recording")
     expect(slider).to_be_visible()
     robot = page.locator(".lab-map .robot .moving").first
-    start = robot.get_attribute("style")
+    start, drawn = robot.get_attribute("style"), view.get_attribute("data-drawn")
+    expect(page.get_by_role("img", name="What itrash's camera saw")).to_have_count(0)
     slider.fill(slider.get_attribute("max") or "")
     expect(robot).not_to_have_attribute("style", start or "")
+    expect(page.get_by_role("img", name="What itrash's camera saw")).to_be_visible()
+    view.scroll_into_view_if_needed()
+    expect(view).not_to_have_attribute("data-drawn", drawn or "")
     said = page.get_by_role("list", name="What was recorded")
     expect(said.get_by_text("Task settled")).to_have_count(0)  # the recording ends before
     expect(said.get_by_text("Bin: it fell into yellow")).to_be_visible()

@@ -21,12 +21,16 @@ def chromium_path() -> str:
 
 
 @contextmanager
-def chromium() -> Iterator[Browser]:
-    """No name but this machine's resolves in it."""
+def chromium(three_d: bool = True) -> Iterator[Browser]:
+    """No name but this machine's resolves in it. `three_d`: WebGL, by the processor."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=chromium_path(),
-            args=["--no-sandbox", "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"],
+            args=[
+                "--no-sandbox",
+                "--enable-unsafe-swiftshader" if three_d else "--disable-3d-apis",
+                "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+            ],
         )
         yield browser
         browser.close()

@@ -13,7 +13,7 @@ from rodeo.display.formatting import iec, moment, party, process, share, span
 from rodeo.judging.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
 from rodeo.text.strict_json import Json
 from services.console.heartbeats import ProcessState
-from services.console.lab_map import LabMap
+from services.console.lab_map import LabViews
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
 from services.console.pages.widgets import (
     Section,
@@ -41,15 +41,15 @@ def register(console: Console) -> None:
                 if user().has(Role.OPERATOR):
                     ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
             problem = problem_section()
+            with card("Lab"):
+                lab_map = LabViews(console.lab, "robots and items").map
+                seen = Section(_draw_seen)
             with ui.element("div").classes("grid tiles"):
                 open_, working, settled, supply = (
                     tile(name, "–") for name in ("waiting", "being done", "paid so far", "IEC in circulation")
                 )
             with ui.element("div").classes("grid"):
                 with ui.element("div").classes("stack span-7"):
-                    with card("Lab"):
-                        lab_map = LabMap(console.lab, "Map of the lab with robots and items")
-                        seen = Section(_draw_seen)
                     with card("Queue"):
                         queue = Section(_draw_queue).waiting()
                     with card("Last verdicts"):

@@ -46,7 +46,7 @@ from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.text.strict_json import Json
 from services.console.attempts import Attempt, attempts, ended_s
-from services.console.lab_map import LabMap
+from services.console.lab_map import LabViews
 from services.console.pages import dispute
 from services.console.pages.frame import (
     Console,
@@ -117,20 +117,17 @@ class TaskPage:
                 self._progress = Section(partial(_draw_progress, console)).waiting()
             with card("Attempts"):
                 self._tries = Section(self._draw_attempts).waiting()
+            with card("Where") as head:
+                self._lab = LabViews(console.lab, "where the task is")
+                with head:
+                    self._replay = ui.button("Replay the recording", on_click=self._load_replay)
+                    self._replay.props("flat dense icon=replay")
+                    self._replay.visible = False
             with ui.element("div").classes("grid"):
-                with ui.element("div").classes("stack span-7"), card("Where") as head:
-                    self._map = LabMap(console.lab, "Map of the lab: where the task is")
-                    with head:
-                        self._replay = ui.button(
-                            "Replay the recording", icon="replay", on_click=self._load_replay
-                        )
-                        self._replay.props("flat dense")
-                        self._replay.visible = False
-                with ui.element("div").classes("stack span-5"):
-                    with card("Agreement"):
-                        self._agreement = Section(partial(_draw_agreement, console)).waiting()
-                    with card("Proof"):
-                        self._proof = Section(self._draw_proof).waiting()
+                with card("Agreement", "span-6"):
+                    self._agreement = Section(partial(_draw_agreement, console)).waiting()
+                with card("Proof", "span-6"):
+                    self._proof = Section(self._draw_proof).waiting()
             with card(_ORACLES_REPORT) as self._report_head:
                 self._report = Section(self._draw_report).waiting()
             with card("Transactions"):
@@ -141,7 +138,7 @@ class TaskPage:
     def _show_map(self) -> None:
         """Robots are shown while somebody works on the task."""
         if self._live:
-            self._map.show(self._console.live.map)
+            self._lab.map.show(self._console.live.map)
 
     async def _load(self) -> None:
         queries = self._console.queries
@@ -182,7 +179,7 @@ class TaskPage:
         self._show_map()
         place = task.params.get("x_m"), task.params.get("y_m")
         if all(isinstance(value, int | float) for value in place):
-            self._map.mark_place(place)  # type: ignore[arg-type]
+            self._lab.map.mark_place(place)  # type: ignore[arg-type]
         await self._load_evidence(shown)
 
     async def _load_evidence(self, shown: Attempt | None) -> None:
@@ -270,7 +267,7 @@ class TaskPage:
 
     def _choose(self, number: int) -> None:
         self._chosen = number
-        self._map.replay(None)
+        self._lab.replay.show(None)
         self._refresh()
 
     def _draw_proof(self, attempt: Attempt | None, sealed: dict[str, str]) -> None:
@@ -365,7 +362,7 @@ class TaskPage:
         finally:
             self._replay.props(remove="loading")
         self._replay.visible = False
-        self._map.replay(recording)
+        self._lab.replay.show(recording)
 
 
 def _track(console: Console, attempt: Attempt) -> Json:

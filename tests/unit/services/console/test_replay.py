@@ -11,6 +11,8 @@ import pytest
 from rodeo.evidence.attestation import attest
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
+from rodeo.ros2 import types
+from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook
@@ -58,3 +60,20 @@ def test_bodies_are_where_motion_capture_signed_them_and_strangers_move_nothing(
     assert item["x"] == sorted(item["x"])
     assert "item2" not in shown["items"]
     assert "Bin: something was taken out of blue" in [mark["text"] for mark in shown["marks"]]
+
+
+def test_the_last_pictures_of_the_bin_are_shown_and_nothing_that_is_no_picture(tmp_path: Path) -> None:
+    clock = ManualClock()
+    clock.time_s = 1.8e9
+    path, name = tmp_path / "proof.mcap", topics.BIN_IMAGE.name(bin="itrash")
+    with Recorder(path, BINDING, ROBOT, clock) as recorder:
+        for data in (b"\xff\xd8\xff picture", b"<svg onload=alert(1)>", b"\x89PNG" + bytes(300_000)):
+            clock.time_s += 1
+            image = types.new(topics.BIN_IMAGE.type, format="jpeg")
+            image.data = np.frombuffer(data, np.uint8)
+            stamp_ns = round(clock.time_s * 1e9)
+            recorder.write_ros(name, topics.BIN_IMAGE.type, types.serialize(image), stamp_ns, stamp_ns)
+    Recorder.finish(path, BINDING, ROBOT, clock)
+    (picture,) = track(open_proof(path), Site.load(LAB))["pictures"]
+    assert picture["from"] == "itrash's camera"
+    assert picture["src"].startswith("data:image/jpeg;base64,/9j/")
