@@ -141,7 +141,11 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
             # Nobody keeps another from its work by claiming it.
             for what, name in served_by(site, process):
                 yield topic.pattern(org=site.org, what=what, name=name)
-        elif topic.writer in roles or _ALSO_WRITES.get(topic.key) == process:
+        elif (
+            topic.writer in roles
+            or _ALSO_WRITES.get(topic.key) == process
+            or (topic is topics.DOCK_OUTPUT and _reads_its_meter(site, process))
+        ):
             for key in _written_keys(site, topic, process):
                 yield key
                 if topic.plane is not Plane.DAO:
@@ -226,6 +230,11 @@ def _own(site: Site, process: str, what: str) -> list[str]:
     return [thing.name for thing in served_by(site, process) if thing.what == what]
 
 
+def _reads_its_meter(site: Site, process: str) -> bool:
+    """Whether it is the process of a dock that reads its meter itself, and publishes what it reads."""
+    return any(site.dock(name).meter.source != "sim" for name in _own(site, process, "dock"))
+
+
 def _devices_of(site: Site, process: str) -> list[str]:
     """Names of the devices whose keys the process has."""
     if process == "robot_sim":
@@ -291,7 +300,12 @@ def _ros_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
 def _keys(site: Site, topic: Topic, speaker: str, **names: str) -> Iterator[str]:
     """The key of its own bin or dock; of all of them for a process that belongs to none."""
     bins = _own(site, speaker, "bin") or [one.name for one in site.bins]
-    docks = _own(site, speaker, "dock") or [dock.name for dock in site.docks]
+    simulated = [dock.name for dock in site.docks if dock.meter.source == "sim"]
+    docks = (
+        simulated
+        if speaker == "robot_sim"
+        else _own(site, speaker, "dock") or [dock.name for dock in site.docks]
+    )
     judges = _own(site, speaker, "oracle") or ["*"]
     for bin_name, dock, judge in itertools.product(
         bins if "{bin}" in topic.key else ["*"],

@@ -5,6 +5,7 @@ from x. Lengths in m, angles in rad, masses in kg, energies in Wh. Reading this 
 """
 
 import difflib
+import re
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -233,6 +234,64 @@ class PlaceConfig(Section):
     pose: Pose2
 
 
+_MODBUS = re.compile(r"(tcp|rtu\+tcp)://[^/\s:]+(:\d{1,5})?|rtu:///\S+")
+
+
+def _is_modbus(text: str) -> str:
+    if text and not _MODBUS.fullmatch(text):
+        raise ValueError(
+            f'{text!r} is no address of Modbus: "tcp://192.168.1.20:502", "rtu:///dev/ttyUSB0", or '
+            '"rtu+tcp://192.168.1.20:4196" for a converter that passes bytes on'
+        )
+    return text
+
+
+ModbusAddress = Annotated[str, AfterValidator(_is_modbus)]
+ModbusUnit = Annotated[int, Field(ge=1, le=247)]
+ModbusBit = Annotated[int, Field(ge=0, le=65535)]
+
+
+class MeterConfig(Section):
+    """A dock's meter and contactor: simulated, or on Modbus."""
+
+    source: Literal["sim", "modbus"] = "sim"
+    """With `modbus` the dock's own process reads the meter, and publishes what it reads."""
+    address: ModbusAddress = ""
+    """Where the meter answers: "tcp://host:502", "rtu:///dev/ttyUSB0", or "rtu+tcp://host:4196" for a
+    converter that passes the bytes of RTU on."""
+    baud: int = Field(9600, ge=1200, le=115200)
+    """Speed of a serial line. Its `parity` follows, and it has 8 data bits."""
+    parity: Literal["N", "E", "O"] = "N"
+    model: str = "sdm120"
+    """Its registers: `sdm120`, `sdm630`, or the path of a file like those in `services/charger/meters`,
+    resolved against the site file."""
+    unit: ModbusUnit = 1
+    serial: int | None = Field(None, ge=1, lt=2**32)
+    """The meter's serial number. Another meter that answers in its place is then noticed."""
+    efficiency: float = Field(1.0, gt=0, le=1)
+    """Share of what the meter counts that reaches the contacts: the supply's efficiency, where the meter is
+    on its mains side."""
+    contactor_address: ModbusAddress = ""
+    """Where the contactor's module answers; by default on the meter's line."""
+    contactor_unit: ModbusUnit = 2
+    coil: ModbusBit = 0
+    """Coil of the module that closes the contactor, counted from 0."""
+    present: ModbusBit = 0
+    """Discrete input of the module that is set while a robot is on the contacts, counted from 0."""
+
+    @model_validator(mode="after")
+    def _has_an_address(self) -> "MeterConfig":
+        if (self.source == "modbus") != bool(self.address):
+            raise ValueError(
+                'a meter with source = "modbus" needs an address, such as "tcp://192.168.1.20:502", and '
+                "a simulated one takes none"
+            )
+        line = self.contactor_address or self.address
+        if line == self.address and self.address and self.contactor_unit == self.unit:
+            raise ValueError(f"meter and contactor are both unit {self.unit} of {line}")
+        return self
+
+
 class DockConfig(Section):
     """A charging station; its contacts face along its x axis towards the parked robot.
 
@@ -244,6 +303,7 @@ class DockConfig(Section):
     """Name of the dock and its meter in the organization, in its topics, and of its keystore with
     `-device` behind it."""
     pose: Pose2
+    meter: MeterConfig = MeterConfig()
     contact_tolerance_m: Positive = 0.06
     contact_tolerance_rad: Positive = 0.15
     voltage_v: Positive = 42.0

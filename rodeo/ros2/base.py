@@ -62,6 +62,11 @@ class Publisher:
         self._sequence = itertools.count(1)
 
     @property
+    def gid(self) -> bytes:
+        """What its messages name as their publisher."""
+        return self._gid
+
+    @property
     def matched(self) -> bool:
         """Whether anybody subscribes, so that what is costly is made only then. Not for latched topics."""
         return bool(self._publisher.matching_status.matching)

@@ -985,6 +985,10 @@ def _resolve_paths(path: Path, tables: dict[str, Any]) -> None:
     for room in _listed(tables, "rooms"):
         if isinstance(shown := room.get("map"), str):
             room["map"] = _beside(path, "map", shown)
+    for one in _listed(tables, "docks"):
+        match one:
+            case {"meter": {"model": str(model)} as meter} if model.endswith(".toml"):
+                meter["model"] = _beside(path, "model", model)
     for one in _listed(tables, "bins"):
         match one:
             case {"camera": {"source": "folder", "address": str(folder)} as camera}:

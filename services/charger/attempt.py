@@ -95,7 +95,7 @@ class Attempt:
                 delivery.stop(End.BAD_TASK)
             with closing(self._listen(order, delivery)) as listener:
                 self.attend(delivery, listener)
-                if delivery.session.ended:
+                if delivery.session.ended and job.session.end is not End.METER_LIES:
                     self._close(delivery, listener)
         except RodeoError:
             if delivery.session.contactor_wanted:
@@ -153,6 +153,8 @@ class Attempt:
         checked, wake, stop = True, self._hands.wake, self._process.stop
         while not delivery.session.ended and not stop.is_set():
             self._update_status(delivery)
+            if (lie := self._hands.terminals.lie) is not None:
+                delivery.disbelieve(lie)
             delivery.wait(RETRY_S, wake.is_set)
             if delivery.job.session.phase is Phase.AWAITING_RECEIPT:
                 self._ask(delivery, listener)
@@ -211,6 +213,7 @@ class Attempt:
             power_w=round(delivery.power_w, 1),
             energy_wh=round(delivery.energy_wh, 1),
             receipted_wh=round(delivery.receipted_wh, 1),
+            **self._hands.terminals.shown,
         )
 
 

@@ -32,6 +32,7 @@ from services.charger.book import Book
 from services.charger.film import Film
 from services.charger.forecast import Forecast
 from services.charger.job import Job, Recorded
+from services.charger.lies import MeterLie
 from services.charger.session import End, Phase, Session, SessionLimits
 
 log = logging.getLogger(__name__)
@@ -246,6 +247,14 @@ class Delivery:
         with self._step():
             self.session.stop(end)
 
+    def disbelieve(self, lie: MeterLie) -> None:
+        """End the session because the meter or the contactor contradicts itself."""
+        with self._step():
+            if self.job.session.end is None:
+                self.job.session.lie = lie.to_json()
+                self._film.note({"event": "meter_lies", "lie": self.job.session.lie})
+            self.session.stop(End.METER_LIES)
+
     def close_session(self) -> None:
         """Record where the meter stands at the end, if the session ever opened."""
         with self._step():
@@ -267,6 +276,7 @@ class Delivery:
             self._film.note({
                 "event": "session_ended",
                 "reason": None if state.end is None else state.end.value,
+                "lie": state.lie,
                 "energy_wh": self.energy_wh,
                 "receipted_wh": self.receipted_wh,
                 "closed_by_robot": self._book.closed,

@@ -36,8 +36,8 @@ from services.charger.attempt import Attempt, Hands
 from services.charger.feed import Feed
 from services.charger.job import Job, Jobs
 from services.charger.retries import Retries
-from services.charger.session import SessionState
-from services.charger.terminals import Terminals
+from services.charger.session import SessionState, is_handed_in
+from services.charger.terminals import open_terminals
 
 log = logging.getLogger(__name__)
 
@@ -66,15 +66,16 @@ class Charger:
         """Something happened on chain."""
         self._feed = Feed()
         node = PlainNode(bus.session, f"{dock.name}_meter", "", site.bus.domain_id, process.clock)
-        self._terminals = Terminals(node, dock.name, self._feed.reading)
+        self._terminals = open_terminals(dock, node, self._feed.reading)
         battery = topics.BATTERY_STATE
         for robot in site.robots:
             heard = self._feed.battery_of(robot.name)
             node.subscription(battery.name(ns=robot.namespace), battery.type, heard, inline=True)
         self._retries = Retries(process, lambda: self._terminals.silence)
         self._assignments = Assignments(self._organization, site, dock.name)
-        # The dock reads its terminals over the bus: on an open bus anybody may publish such readings.
-        inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        # A dock that reads its terminals over an open bus reads what anybody may publish there.
+        over_bus: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        inputs: Inputs = "sensor" if dock.meter.source == "modbus" else over_bus
         witness = Witness(bus, site.org, dock.name, account, process.data_dir, inputs, process.clock.now_ns)
         hands = Hands(
             terminals=self._terminals,
@@ -95,6 +96,7 @@ class Charger:
             self._rulings,
             roots,
             witness,
+            self._terminals,
             node,
         ]
 
@@ -151,8 +153,8 @@ class Charger:
         sha256 = self._attempt.deliver(job, path, binding)
         if sha256 is None:  # asked to stop; the next process continues
             return
-        if not job.session.sold and self._process.clock.now_s() <= job.task.grace_ends_s:
-            # A proof of nothing is rejected: why nothing was signed is one party's word against the other's.
+        in_grace = self._process.clock.now_s() <= job.task.grace_ends_s
+        if not is_handed_in(job.session, in_grace):
             self._process.activity(f"giving task {job.task.id} back: {job.session.end}", 1.0)
             self._retries.persist(lambda: self._give_back(job))
         else:

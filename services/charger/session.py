@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -55,6 +56,8 @@ class End(StrEnum):
     """The task names a robot or dock that this charger does not serve."""
     OTHER_CHARGE = "other_charge"
     """The robot arrived with another state of charge than its task says."""
+    METER_LIES = "meter_lies"
+    """Meter or contactor contradict themselves (`services.charger.lies`). Nothing of the session is sold."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,20 @@ class SessionState(BaseModel):
     """Last state of charge that the robot signed, 0..1."""
     paused: bool = False
     """The contactor opens until the robot signs."""
+    lie: dict[str, Any] | None = None
+    """With METER_LIES: the contradiction, as `RodeoError.to_json` says it."""
     sold: bool = False
     """The robot signed for something that was delivered."""
+
+
+def is_handed_in(state: SessionState, in_grace: bool) -> bool:
+    """Whether the recording of an ended session is handed in as a proof; else the task is given back.
+
+    A proof of nothing is rejected: why nothing was signed is one party's word against the other's. While it
+    costs nothing (`in_grace`) such a task is given back. What a meter showed until it was caught is not sold,
+    whatever giving it back costs.
+    """
+    return state.end is not End.METER_LIES and (state.sold or not in_grace)
 
 
 class Session:

@@ -148,7 +148,7 @@ class LabPlane:
         }
         self._pose = messages.pose_template()
         self._bins = [BinPlane(node, loop, config) for config in site.bins]
-        self._docks = [DockPlane(node, loop, config.name) for config in site.docks]
+        self._docks = [DockPlane(node, loop, one.name) for one in site.docks if one.meter.source == "sim"]
         node.service(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type, self._set_entity_state)
         static = node.publisher(topics.TF_STATIC.name(), topics.TF_STATIC.type, LATCHED)
         static.publish(

@@ -166,7 +166,7 @@ ROWS: dict[Call, str] = {
     ): "the participant that the key names: the access rules let its process command it",
     (
         "services/charger/terminals.py",
-        "Terminals.__init__",
+        "BusTerminals.__init__",
         "node.subscription(output.name(dock=dock))",
     ): ONE,
     (

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from deploy.access import access_control, everybody
-from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.lab.config import MeterConfig, Pose2, RobotConfig
 from rodeo.site import topics
 from rodeo.site.config import (
     JudgeConfig,
@@ -157,6 +157,18 @@ def test_each_of_several_bins_and_docks_speaks_for_itself_only() -> None:
     assert "0/bin_east/camera/capture/**" in rules["itrash.bin_east asks"]
     assert "0/dock_east/enable/**" in rules["charger.dock_east asks"]
     assert {"0/bin_east/presence/**", "0/dock_west/output/**"} <= set(rules["robot_sim writes"])
+
+
+def test_a_dock_that_reads_its_meter_publishes_what_it_reads_and_the_simulator_does_not() -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    east, west = site.docks
+    modbus = MeterConfig(source="modbus", address="tcp://192.168.1.20:502")
+    mixed = site.model_copy(update={"docks": [east.model_copy(update={"meter": modbus}), west]})
+    for dock, process in ((east.name, "charger.dock_east"), (west.name, "robot_sim")):
+        key = f"0/{dock}/output/type/hash"
+        assert [name for name in everybody(mixed) if may(mixed, name, "writes", key)] == [process]
+    assert not may(mixed, "robot_sim", "writes", f"0/{east.name}/enable/type/hash")
+    assert may(mixed, "robot_sim", "writes", f"0/{west.name}/enable/type/hash")
 
 
 @pytest.mark.parametrize("topic", [SEAL, WITNESS_STATEMENT, WITNESS_STATEMENTS], ids=lambda topic: topic.key)

@@ -29,7 +29,8 @@ from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT
 from rodeo_testing.recordings import Take
 from services.charger.delivery import Delivery, Order
 from services.charger.job import Job
-from services.charger.session import End, Phase, SessionLimits, SessionState
+from services.charger.lies import RegisterFrozen
+from services.charger.session import End, Phase, SessionLimits, SessionState, is_handed_in
 
 START_S = 1_900_000_000
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -370,6 +371,33 @@ def test_the_register_goes_on_in_the_next_session(tmp_path: Path) -> None:
     bench.run(200)
     assert bench.records[-1].begin_wh == first_wh > 0
     assert bench.records[-1].register_wh > first_wh
+
+
+def test_what_a_meter_showed_until_it_was_caught_is_recorded_and_never_sold(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.run(100)
+    assert bench.delivery.receipted_wh > 0
+    bench.delivery.disbelieve(RegisterFrozen("the register stands still", by_power_wh=12.0))
+    bench.run(3)
+    assert (bench.phase, bench.closed) == (Phase.ENDED, False)
+    said = {
+        "code": "register_frozen",
+        "message": "the register stands still",
+        "details": {"by_power_wh": 12.0},
+    }
+    state = bench.job.session
+    assert (state.end, state.lie, state.sold) == (End.METER_LIES, said, True)
+    assert not any(is_handed_in(state, in_grace) for in_grace in (True, False))
+    events = {one["event"]: one for one in open_proof(bench.delivery.seal().path).events() if "lie" in one}
+    assert events["meter_lies"]["lie"] == said
+    assert (events["session_ended"]["reason"], events["session_ended"]["lie"]) == ("meter_lies", said)
+    assert "close" not in [one.reason for one in bench.records]
+
+
+def test_a_session_that_sold_nothing_is_handed_in_only_where_giving_it_back_costs() -> None:
+    state = SessionState(wait_until_s=0.0, end=End.NO_ROBOT)
+    assert [is_handed_in(state, in_grace) for in_grace in (True, False)] == [False, True]
+    assert is_handed_in(state.model_copy(update={"sold": True}), in_grace=True)
 
 
 def test_a_restarted_charger_goes_on_with_register_pages_and_receipts(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from services.charger.assignments import Assignments
 from services.charger.attempt import Attempt, Hands
 from services.charger.feed import Feed
 from services.charger.job import FOREIGN, Job, Jobs
+from services.charger.lies import MeterLie, RegisterFrozen
 from services.charger.retries import Retries
 from services.charger.session import End, Phase, SessionState
 from tests.support.site import LAB
@@ -162,7 +163,11 @@ class Session:
         self.woken.append(woken())
 
     def stop(self, end: End) -> None:
-        self.end, self.session.ended = end, True
+        self.end, self.session.ended = self.end or end, True
+
+    def disbelieve(self, lie: MeterLie) -> None:
+        self.lie = lie
+        self.stop(End.METER_LIES)
 
     def on_event(self, event: DaoEvent) -> None:
         self.events.append(event.seq)
@@ -235,10 +240,17 @@ def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again
         return TASK.model_copy(update={"state": "cancelled"})
 
     organization.task = task  # type: ignore[assignment, method-assign]
+    delivery = attended(assignments, lie=None)
+    assert delivery.woken == [True, False, False]
+    assert delivery.end is End.CANCELLED
+
+
+def attended(assignments: Assignments, lie: MeterLie | None) -> Session:
+    """A delivery that is over, at a dock whose meter shows nothing or `lie`."""
     process, unused, delivery, wake = Running(ClockConfig()), cast(Any, None), Session(), threading.Event()
     wake.set()
     hands = Hands(
-        terminals=unused,
+        terminals=SimpleNamespace(lie=lie, shown={}, silence="" if lie is None else str(lie)),  # type: ignore[arg-type]
         witness=unused,
         account=unused,
         feed=Feed(),
@@ -249,5 +261,11 @@ def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again
     )
     attempt = Attempt(process, SITE.docks[0], hands)  # type: ignore[arg-type]
     attempt.attend(delivery, unused)  # type: ignore[arg-type]
-    assert delivery.woken == [True, False, False]
-    assert delivery.end is End.CANCELLED
+    return delivery
+
+
+def test_a_meter_that_lies_ends_the_session(assignments: Assignments, organization: Organization) -> None:
+    organization.task = lambda _task_id: TASK  # type: ignore[assignment, method-assign]
+    lie = RegisterFrozen("power flows, and the meter's register stands still", by_power_wh=12.0)
+    delivery = attended(assignments, lie)
+    assert (delivery.end, delivery.lie) == (End.METER_LIES, lie)
