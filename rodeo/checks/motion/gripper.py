@@ -57,6 +57,8 @@ TREMBLES = 10
 FLUNG = 5.0
 """An item flies off no faster than with so many times the speed of what hit it: twice, where nothing is lost,
 and smoothing takes half of a jab's speed."""
+PUSHED = 2.0
+"""It is pushed no faster than that goes; the same smoothing."""
 FLINGS_S = 1.0
 """Before the item moves, what hits it is on its way."""
 _LOOK_S, _LOOK_CLOSELY_S, _STEP_S = 0.1, 0.02, 0.05
@@ -144,6 +146,8 @@ def lifted_by_another_s(case: Case, robot: str) -> float:
     at_s = np.arange(begin_s, end_s + HELD_S, _LOOK_CLOSELY_S)
     gripper = pose_of(case, gripper_body(robot))
     gripper = replace(gripper, unseen_s=tuple(one for one in gripper.unseen_s if not _stays(gripper, *one)))
+    # So fast no gripper gives away what it lifts.
+    item = replace(item, unseen_s=tuple(one for one in item.unseen_s if one[1] - one[0] > STAYS_S))
     seen = len(_seen(at_s, item, gripper)) == len(at_s) and item.time_s[-1] >= end_s + HELD_S
     if not (seen and begin_s >= gripper.time_s[0] and (rise_m[held] > LIFTED_M).all()):
         return np.inf
@@ -176,20 +180,45 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
     way_m = np.linalg.norm(np.diff(smoothed(item.time_s, item.position_m, item_s), axis=0), axis=1)
     # Where no statement says how far it went, it went at least so far.
     item_m_s = max(float(way_m.max(initial=0.0)) / _STEP_S, LIES_M / (end_s - begin_s))
-    # What it meets later did not set it in motion.
-    before = own_s <= begin_s + _LOOK_S
-    return all(
-        away_m.min() > reaches_m
-        or (away_m[before].min() > at_m and item_m_s > FLUNG * _fastest_m_s(pose, own_s, item_m))
-        for pose, away_m, at_m, reaches_m in (
-            (base, _from_base_m(base, item, own_s), AT_BASE_M, BASE_REACHES_M),
-            (gripper, _from_gripper_m(gripper, item, own_s), FINGERS_REACH_M, GRIPPER_REACHES_M),
-        )
+    for body, away_m, at_m, reaches_m in (
+        (base, _from_base_m, AT_BASE_M, BASE_REACHES_M),
+        (gripper, _from_gripper_m, FINGERS_REACH_M, GRIPPER_REACHES_M),
+    ):
+        if away_m(body, item, own_s).min() > reaches_m:
+            continue
+        body_m_s = _fastest_m_s(body, own_s, item_m)
+        lies, lies_s, unseen_s = _pushable(item, begin_s, own_s, body_m_s)
+        nearest_m = min(away_m(body, lies, lies_s).min(), away_m(body, item, unseen_s).min(initial=np.inf))
+        if nearest_m <= at_m or item_m_s <= FLUNG * body_m_s:
+            return False
+    return True
+
+
+def _pushable(item: Pose, begin_s: float, at_s: Array, body_m_s: float) -> tuple[Pose, Array, Array]:
+    """The item as it lay before it moved, until when that may have begun, and when what goes so fast may have
+    pushed it unseen, of these times (n,).
+
+    What it meets later did not set it in motion, even if it flies there in less than a look. Unseen, it may
+    have begun to move at any time until it was seen again.
+    """
+    begun_s = max([until_s for from_s, until_s in item.unseen_s if from_s <= begin_s], default=0.0)
+    until = item.time_s <= begin_s
+    lies = Pose(item.time_s[until], item.position_m[until], item.quaternion[until])
+    pushed_s = tuple(
+        span_s
+        for span_s in item.unseen_s
+        if _way_m(item, span_s) <= PUSHED * body_m_s * (span_s[1] - span_s[0])
     )
+    unseen_s = np.setdiff1d(at_s, _seen(at_s, replace(item, unseen_s=pushed_s)))
+    return lies, at_s[at_s <= max(begin_s + _LOOK_S, begun_s)], unseen_s
+
+
+def _way_m(body: Pose, span_s: tuple[float, float]) -> float:
+    return float(np.linalg.norm(np.diff(body.at(np.array(span_s)), axis=0)))
 
 
 def _hidden(case: Case, item: Pose, *bodies: Pose) -> Iterator[tuple[float, float]]:
-    """From when to when nobody knows what these bodies did, or what moved the item.
+    """From when to when nobody knows what these bodies did, or, for long, what the item did that moved.
 
     While a statement is missing that the executor may have left out, a body may throw what hits the item up
     to `FLINGS_S` later. If it rests, the next statements say so; then nobody need know what the item did.
@@ -202,13 +231,11 @@ def _hidden(case: Case, item: Pose, *bodies: Pose) -> Iterator[tuple[float, floa
             lasts_s = span_s[1] - span_s[0]
             left_out = lasts_s - beyond_s(span_s, missing) > BLINKS_S
             flings = left_out or beyond_s(span_s, silent) > UNSEEN_S
-            stays_s = UNSEEN_S if trembles else 0.0
-            stays = _stays(body, *span_s, stays_s if left_out else STAYS_S)
-            if lasts_s > BLINKS_S and not stays:
+            stays_s = UNSEEN_S if trembles else 0.0 if left_out else STAYS_S
+            if lasts_s > BLINKS_S and not _stays(body, *span_s, stays_s):
                 yield span_s[0], span_s[1] + (FLINGS_S - HALF_WINDOW_S if flings else 0.0)
     for span_s in item.unseen_s:
-        moved_m = np.linalg.norm(np.diff(item.at(np.array(span_s)), axis=0))
-        if moved_m > LIES_M and beyond_s(span_s, missing) > BLINKS_S:
+        if _way_m(item, span_s) > LIES_M and beyond_s(span_s, missing) > UNSEEN_S:
             yield span_s
 
 

@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
 from rodeo.checks.declared import reported_failure
 from rodeo.checks.motion import carrying, gripper, witnesses
+from rodeo.checks.motion.phases import LIFTED_M
 from rodeo.checks.motion.poses import Pose, base_of, clock_ahead_s, motion_of, motions_of, moving_s, pose_of
 from rodeo.checks.motion.sources import doubtful, whose
 from rodeo.checks.motion.witnesses import MOVED_M, UNSEEN_S
@@ -225,7 +226,9 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         return _refuted(case, "the item lay there all the time")
     hidden, near = _out_of_sight(case, item, base)
     moved = there[0] and ((left and by_another) or (cause == _NOT_FOUND and not there[-1]))
-    if moved and not near:
+    # What was last seen in the air, somebody else holds: the robot only stands beside that.
+    held = by_another and item.position_m[-1, 2] - item.position_m[0, 2] > LIFTED_M
+    if moved and (held or not near):
         return undecided("the item lay there, and somebody else moved it", "whoever moved it", _SOURCE)
     if hidden:
         return None  # nor what it did to what was not seen again

@@ -276,6 +276,33 @@ def kicked_below_a_shelf(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_unseen(shop: CleaningWorkshop) -> Submission:
+    """Nobody sees the item for a second, then it lies half a metre away; the robot was seen to stand."""
+    begin_s = shop.take.start_s + 7.5
+    take = _slid(waits(shop.take), begin_s, 0.5, 0.3)
+    return _taken(shop, edited_between(take, ITEM_POSE, begin_s - 0.3, begin_s + 0.7, lambda _: None))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_at_the_robot(shop: CleaningWorkshop) -> Submission:
+    """The item flies at the robot, and is there in less than a tenth of a second."""
+    take, begin_s = waits(shop.take), shop.take.start_s + 7.5
+    lies, stands = (
+        take.of(topic)[0 - (topic == ROBOT_POSE)].message.pose.position for topic in (ITEM_POSE, ROBOT_POSE)
+    )
+
+    def edit(sample: Sample) -> Sample:
+        share = min(max((sample.time_ns * 1e-9 - begin_s) / 0.2, 0.0), 1.0)
+        return displaced(sample, x=share * (stands.x - lies.x), y=share * (stands.y - lies.y))
+
+    return _taken(shop, take.edited(ITEM_POSE, edit))
+
+
+@HARNESS.ruining(
     "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
 )
 def kicked_while_the_robot_comes(shop: CleaningWorkshop) -> Submission:
@@ -291,7 +318,9 @@ def slid_by_the_gripper(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, kicked(take, shop.take.start_s + 9.0, 0.4))
 
 
-def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float, **witnesses: Any) -> Submission:
+def _swept(
+    shop: CleaningWorkshop, topic: str, by_m: float, flung: float, unseen: str = "", **witnesses: Any
+) -> Submission:
     """A body of the robot goes aside within half a second and back, and the item goes farther."""
     take, begin_s = waits(shop.take), shop.take.start_s + 14.0
 
@@ -300,6 +329,8 @@ def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float, **witn
         return displaced(sample, y=by_m * max(1.0 - abs(share - 1.0), 0.0))
 
     swept = _slid(take.edited(topic, edit), begin_s, by_m * flung, 0.5)
+    if unseen:
+        swept = edited_between(swept, unseen, begin_s - 0.2, begin_s + 0.8, lambda _: None)
     return shop.submitted(gives_up(swept, 1.0), witnesses=Witnesses(**witnesses))
 
 
@@ -405,8 +436,25 @@ def pushed_and_then_flicked_by_an_accomplice(shop: CleaningWorkshop) -> Submissi
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_under_a_short_cloth(shop: CleaningWorkshop) -> Submission:
+    """The base hits the item where nobody sees that for a second."""
+    return _swept(shop, ROBOT_POSE, 0.2, 2.0, unseen=ITEM_POSE)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
 def flicked_by_an_accomplice_and_pushed_on(shop: CleaningWorkshop) -> Submission:
     """An accomplice flicks the item, and before it lies again the gripper pushes it on."""
+    return _taken(shop, _pushed_on(shop))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def flicked_by_an_accomplice_and_pushed_on_unseen(shop: CleaningWorkshop) -> Submission:
+    """The same under a cloth."""
+    begin_s = shop.take.start_s + 13.2
+    return _taken(shop, edited_between(_pushed_on(shop), ITEM_POSE, begin_s, begin_s + 2.0, lambda _: None))
+
+
+def _pushed_on(shop: CleaningWorkshop) -> Take:
     take, begin_s = waits(shop.take), shop.take.start_s + 13.0
     lies = take.of(ITEM_POSE)[0].message.pose.position
 
@@ -415,7 +463,7 @@ def flicked_by_an_accomplice_and_pushed_on(shop: CleaningWorkshop) -> Submission
         return moved(sample, x=lies.x, y=lies.y + 0.1 + way_m, z=lies.z + 0.1)
 
     take = edited_between(take, GRIPPER_POSE, begin_s + 0.3, math.inf, follow)
-    return _taken(shop, _slid(_slid(take, begin_s, 0.1, 0.1), begin_s + 0.5, 0.3, 3.0))
+    return _slid(_slid(take, begin_s, 0.1, 0.1), begin_s + 0.5, 0.3, 3.0)
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
