@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Annotated, Any
 
 import typer
@@ -10,12 +9,12 @@ from rich.markup import escape
 from typer.core import CompletionItem, TyperCommand
 
 from rodeo.bus import queries
-from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import Bus, DaoEvents, validate
 from rodeo.display.formatting import (
     count,
 )
 from rodeo.errors import InvalidRequest
+from rodeo.host.clocked import ClockedEvent
 from rodeo.money.rewards import Rise
 from rodeo.site.config import Site
 from rodeo_cli.common import (
@@ -149,19 +148,15 @@ def _raised(site: Site, bus: Bus, participant: str, task_id: int, rises: Rise, q
     from rodeo.dao import Participant  # takes its time to import
 
     tell = (lambda _sentence: None) if quiet else say
-    creator, clock, heard = Participant(bus, site.org, participant), site_clock(site, bus), threading.Event()
-
-    def on_event(_event: DaoEvent) -> None:
-        heard.set()
-        clock.notify()
-
-    with DaoEvents(bus, site.org, on_event, clock=clock):
+    creator, clock = Participant(bus, site.org, participant), site_clock(site, bus)
+    heard = ClockedEvent(clock)
+    with DaoEvents(bus, site.org, lambda _event: heard.set(), clock=clock):
         while (reward := rises.after((task := creator.task(task_id)).reward_iec)) is not None:
             if task.state != "open":
                 tell(f"Task {task_id} waits no more.")
                 return task_id
             until_s = task.registered + rises.every_s
-            if clock.wait_for(heard.is_set, until_s=until_s):
+            if heard.wait(until_s=until_s):
                 heard.clear()
                 continue
             task_id = creator.raise_reward(task_id, reward)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -218,9 +219,21 @@ def beginnings() -> int:
     return sum(text.startswith(STAND_INS) for path in python_files() for text in documented(path))
 
 
+_WAITS = {"wait_for", "wait_until", "wait_ready", "notify", "acting", "hold"}
+
+
+def clock_waits() -> int:
+    """Calls that wait on the site's clock, or hold it, outside of the rooms that hide this."""
+    outside = (path for path in product() if not path.startswith(("rodeo/host/", "rodeo/runtime/")))
+    calls = (node for path in outside for node in ast.walk(_tree(path)) if isinstance(node, ast.Call))
+    called = (one.func for one in calls if isinstance(one.func, ast.Attribute) and one.func.attr in _WAITS)
+    return sum(re.search(r"\b_?clock$", ast.unparse(one.value)) is not None for one in called)
+
+
 TOTALS = {
     "loose modules in rodeo/": loose_modules,
     "modules of the largest room in rodeo/": largest_room,
+    "waits on a clock that may be held, outside of the runtime": clock_waits,
     "private accesses in tests": private_accesses,
     "docstrings that do not begin with their subject": beginnings,
 }

@@ -138,13 +138,17 @@ class Patience:
     process holds it, nobody who acts by it can answer.
     """
 
-    def __init__(self, clock: TimeSource, limit_s: float) -> None:
+    def __init__(self, clock: Clock, limit_s: float) -> None:
         self._clock = clock
         self._limit_s = limit_s
         self.renew()
 
     def renew(self) -> None:
         self._wall_s, self._site_s = time.monotonic(), self._clock.now_s()
+
+    def pause(self, site_s: float) -> None:
+        """Let so much site time pass before the next look."""
+        self._clock.wait_until(self._clock.now_s() + site_s)
 
     @property
     def is_over(self) -> bool:

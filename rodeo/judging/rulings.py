@@ -18,6 +18,7 @@ from typing import Protocol
 from rodeo.bus.messages import DaoEvent, Standing
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent, Rest
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +72,7 @@ class Rulings:
         self._executor = executor
         self._clock = clock
         self._stop = stop
-        self._news = threading.Event()
+        self._news = ClockedEvent(clock)
         self._thread = threading.Thread(target=self._run, name="rulings", daemon=True)
         self._thread.start()
 
@@ -79,25 +80,20 @@ class Rulings:
         """To be called with the contracts' events."""
         if event.name in _NEWS:
             self._news.set()
-            self._clock.notify()
 
     def close(self) -> None:
         """Wait for the thread, which ends when `stop` is set; before the bus is closed."""
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
-        with self._clock.acting():
-            while not self._stop.is_set():
-                self._news.clear()
-                next_s, wall_s = None, _LOOK_WALL_S
-                try:
-                    next_s = self._executor.conclude_rulings(self._clock.now_s())
-                except (BusError, RemoteError, ClockUnavailable) as error:
-                    log.log(_level(error), "cannot conclude rulings now, trying again: %s", error)
-                    wall_s = _RETRY_WALL_S
-                self._clock.wait_for(
-                    self._news.is_set, self._stop, until_s=next_s, wall_s=wall_s, resting=True
-                )
+        self._news.loop(self._stop, self._conclude)
+
+    def _conclude(self) -> Rest:
+        try:
+            return Rest(self._executor.conclude_rulings(self._clock.now_s()), _LOOK_WALL_S)
+        except (BusError, RemoteError, ClockUnavailable) as error:
+            log.log(_level(error), "cannot conclude rulings now, trying again: %s", error)
+            return Rest(wall_s=_RETRY_WALL_S)
 
 
 def _level(error: BusError | RemoteError | ClockUnavailable) -> int:

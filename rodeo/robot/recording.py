@@ -272,7 +272,7 @@ class Recording:
                     return True
             if patience.is_over:
                 return False
-            self._clock.wait_until(self._clock.now_s() + _LOOK_S)
+            patience.pause(_LOOK_S)
 
     # -- from the bus's threads ------------------------------------------------------------------------
 
@@ -387,7 +387,7 @@ class Recording:
                 listed, shown = self._listed, {item or self._robot, self._robot} <= self._shown
             if listed and shown:
                 return
-            self._clock.wait_until(self._clock.now_s() + _LOOK_S)
+            patience.pause(_LOOK_S)
             self._interrupts.check()
             if not self._listener.answered:
                 # Motion capture may vouch for it all the time: nobody can be asked whether it is the one.

@@ -205,7 +205,7 @@ class Latest:
         seen = sum(before.values())
         while not patience.is_over:
             # A body tells its state each period; a simulated one has told it when that has passed.
-            self._clock.wait_until(self._clock.now_s() + CONTROL_PERIOD_S)
+            patience.pause(CONTROL_PERIOD_S)
             newest = [*self._newest.copy().values()]
             if (now := sum(one.number for one in newest)) != seen:
                 seen = now
@@ -481,7 +481,7 @@ class RosBody:
     def _finish(self, goal: ClientGoal) -> Any:
         """Wait for the goal's end; when an interrupt raises, it stops the body first."""
         try:
-            goal.wait(self.interrupts.check)
+            goal.wait(check=self.interrupts.check)
         except Exception:  # whatever it is, it is raised again
             _cancel(goal)
             raise

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rodeo.host.clock import Clock, Patience
+from rodeo.host.clocked import ClockedEvent
 from rodeo.lab.config import RobotConfig
 from rodeo.robot.arm import Arm
 from rodeo.robot.errors import NoAnswer
@@ -34,6 +35,14 @@ _SLICE_S = 0.5
 """Wall time between two looks whether that is so."""
 
 
+class _Messages:
+    """Messages of one topic that nobody has looked at."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.queue: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self.arrived = ClockedEvent(clock, lambda: not self.queue.empty())
+
+
 class WristCamera:
     """Takes depth pictures; listens only while it looks, because the body only then makes them."""
 
@@ -50,8 +59,7 @@ class WristCamera:
 
     def look(self) -> list[View]:
         """What the camera sees from where it is, with robot and arm at rest. Raises NoAnswer, BodySilent."""
-        pictures: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        intrinsics: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        pictures, intrinsics = _Messages(self._clock), _Messages(self._clock)
         node = self._make_node("eyes")
         try:
             for topic, into in ((topics.WRIST_DEPTH, pictures), (topics.WRIST_DEPTH_INFO, intrinsics)):
@@ -68,19 +76,19 @@ class WristCamera:
         except Unknown as error:
             raise NoAnswer(f"the wrist camera sends no depth: {error.message}") from error
 
-    def _subscribe(self, node: Node, topic: Topic, into: queue.SimpleQueue[bytes]) -> None:
+    def _subscribe(self, node: Node, topic: Topic, into: _Messages) -> None:
         def take(info: MessageInfo) -> None:
-            into.put(info.cdr)
-            self._clock.notify()
+            into.queue.put(info.cdr)
+            into.arrived.set()
 
         node.raw_subscription(topic.name(**self._names), topic.type, take, inline=True)
 
-    def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes]) -> Any:
+    def _next(self, topic: Topic, messages: _Messages) -> Any:
         patience, check = Patience(self._clock, _PICTURE_S), self._body.interrupts.check
         while not patience.is_over:
-            if self._clock.wait_for(lambda: not messages.empty(), wall_s=_SLICE_S, check=check):
+            if messages.arrived.wait(wall_s=_SLICE_S, check=check):
                 try:
-                    return types.deserialize(messages.get(), topic.type)
+                    return types.deserialize(messages.queue.get(), topic.type)
                 except MalformedMessage as error:
                     log.warning("ignored a message on %s: %s", topic.name(**self._names), error)
                     check()

@@ -10,12 +10,13 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import zenoh
 
 from rodeo.errors import RodeoError
 from rodeo.host.clock import Clock, WallClock
+from rodeo.host.clocked import ClockedEvent, Limits
 from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import (
@@ -153,6 +154,7 @@ class ClientGoal:
         self._client = client
         self._clock = clock
         self._outcome: Future[Any] = Future()
+        self._ended = ClockedEvent(clock, self._outcome.done)
         threading.Thread(target=self._fetch, name=f"goal {client.name}", daemon=True).start()
 
     def _fetch(self) -> None:
@@ -165,22 +167,22 @@ class ClientGoal:
                 self._outcome.set_result(result)
             except Exception as error:  # noqa: BLE001 - raised again where the result is asked for
                 self._outcome.set_exception(error)
-            self._clock.notify()
+            self._ended.set()
 
     @property
     def done(self) -> bool:
         return self._outcome.done()
 
-    def wait(self, check: Callable[[], object]) -> None:
-        """Block until the goal is done. Raises what `check` raises, which is called now and then."""
-        self._clock.wait_for(self._outcome.done, check=check)
+    def wait(self, stop: threading.Event | None = None, **limits: Unpack[Limits]) -> bool:
+        """Block until the goal is done; False when the wait ended before."""
+        return self._ended.wait(stop, **limits)
 
     def result(self, timeout_s: float | None = None) -> Any:
         """Result message of a goal that succeeded; waits at most `timeout_s` wall seconds.
 
         Raises GoalAborted, GoalCanceled, ActionServerLost, GoalTimeout (the goal continues).
         """
-        if not self._clock.wait_for(self._outcome.done, wall_s=timeout_s):
+        if not self.wait(wall_s=timeout_s):
             raise GoalTimeout(
                 f"{self._client.name} is not done yet", action=self._client.name, timeout_s=timeout_s
             )

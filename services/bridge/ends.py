@@ -15,6 +15,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo.bus.messages import Standing
 from rodeo.errors import ClockUnavailable, RodeoError
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.judging import rulings
 from rodeo.judging.verdicts import FAULTS, LAST_RULINGS, counted_voids
 from rodeo.runtime.process import Process
@@ -52,7 +53,7 @@ class Ends:
         """What is done at the end of a time -> wall time (monotonic) before which it is not tried again."""
         self._sent: dict[End | Update | Match, Future[Any]] = {}
         """What is sent and not mined yet."""
-        self._changed = threading.Event()
+        self._changed = ClockedEvent(process.clock)
         self._thread = threading.Thread(target=self._watch, name="windows", daemon=True)
         self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}
         self._give_back_due_s = 0.0
@@ -67,30 +68,23 @@ class Ends:
     def changed(self) -> None:
         """A window may have begun or ended: a simulated clock may jump then."""
         self._changed.set()
-        self._clock.notify()
 
     def _watch(self) -> None:
         """Do what is to be done at the end of each window. A clock that waits for this bridge does not pass
         the end of one before it is dealt with."""
-        with self._clock.acting():
-            while not self._stop.is_set():
-                self._changed.clear()
-                end_s = None
-                try:
-                    if (attachment := self._attached()) is not None:
-                        end_s = self.expire_overdue(attachment)
-                except ClockUnavailable:
-                    log.debug("the site's time is not known yet")
-                except Exception:
-                    # Windows must end whatever happened to this look: the index may just be closed.
-                    log.exception("cannot look up the windows' ends; trying again")
-                self._clock.wait_for(
-                    self._changed.is_set,
-                    self._stop,
-                    until_s=end_s,
-                    wall_s=_EXPIRY_PERIOD_S,
-                    resting=True,
-                )
+        self._changed.loop(self._stop, self._look)
+
+    def _look(self) -> Rest:
+        end_s = None
+        try:
+            if (attachment := self._attached()) is not None:
+                end_s = self.expire_overdue(attachment)
+        except ClockUnavailable:
+            log.debug("the site's time is not known yet")
+        except Exception:
+            # Windows must end whatever happened to this look: the index may just be closed.
+            log.exception("cannot look up the windows' ends; trying again")
+        return Rest(end_s, _EXPIRY_PERIOD_S)
 
     def expire_overdue(self, attachment: Attachment) -> float | None:
         """Returns when what passed is dealt with, or after a while; the next window's end in site time (s),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -18,6 +17,7 @@ from rodeo.charging.orders import ChargingParams
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.evidence.seal import Binding
+from rodeo.host.clocked import ClockedEvent
 from rodeo.lab.config import DockConfig
 from rodeo.recording.door import stamp_slack_s
 from rodeo.recording.seals import SealPublisher
@@ -61,7 +61,7 @@ class Hands:
     account: Signer
     feed: Feed
     retries: Retries
-    wake: threading.Event
+    wake: ClockedEvent
     stands: Callable[[Task], bool]
     save: Callable[[Job], None]
 

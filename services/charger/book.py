@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rodeo.evidence.attestation import Attestation
 from rodeo.witness.statement import MeterRecord, Receipt, digest, parse
 from services.charger.film import Film
@@ -18,6 +20,8 @@ class Book:
         """Number -> digest of each receipt that is on record."""
         self.last: Attestation | None = None
         """The last record."""
+        self.said_s = -math.inf
+        """When the last record was published."""
         self.listed = False
         """The robot listed this recording: its receipts count."""
         self.signed_wh: float | None = None

@@ -20,6 +20,7 @@ from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.recorder import OnSeal, SealedProof
 from rodeo.evidence.seal import Binding
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent
 from rodeo.recording.door import MessageDoor, Refusals
 from rodeo.recording.statements import Heard
 from rodeo.ros2.base import MessageInfo
@@ -85,6 +86,7 @@ class Delivery:
         self._publish = publish
         self._clock = clock
         self._save = save
+        self._answered = ClockedEvent(clock, lambda: self.unanswered is None)
         self._lock = threading.RLock()
         self._failure: RodeoError | None = None
         self._forecast = Forecast()
@@ -96,8 +98,6 @@ class Delivery:
         }
         self._film = Film(order.path, order.binding, account, clock, doors, output_topic, on_seal)
         self._book = Book(chain.address, self._film)
-        self._said_s = -math.inf
-        """When the last record was published."""
         self.heard: dict[str, int] = {}
         """Address -> number of its last statement that is on record."""
         self._meter = self._restore(self._film.before)
@@ -267,7 +267,7 @@ class Delivery:
 
     def wait_closed(self, timeout_s: float) -> bool:
         """Whether the robot signed the end; waits at most `timeout_s` of wall time for it."""
-        return self._clock.wait_for(lambda: self.unanswered is None, wall_s=timeout_s)
+        return self._answered.wait(wall_s=timeout_s)
 
     def seal(self) -> SealedProof:
         """Finish the recording."""
@@ -308,7 +308,7 @@ class Delivery:
             if self._essence() != before:
                 log.info("%s: %s", self.job.name, self.job.session.phase.value)
                 self._save(self.job)
-        self._clock.notify()
+        self._answered.set()
 
     def _look_ahead(self) -> None:
         """Announce which reading the dock acts on next, if the power keeps changing as it does now."""
@@ -352,7 +352,7 @@ class Delivery:
         return self._meter.register_wh - signed_wh < STEP_WH
 
     def _sign_again(self, now_s: float) -> None:
-        if self._book.listed or now_s - self._said_s > _AGAIN_S:
+        if self._book.listed or now_s - self._book.said_s > _AGAIN_S:
             self._sign("pause")
 
     def _count(self, receipt: Receipt, own: str) -> None:
@@ -385,7 +385,7 @@ class Delivery:
         )
         self._film.attest(signed.model_dump())
         self._book.add(signed)
-        self._said_s = self._forecast.last_s
+        self._book.said_s = self._forecast.last_s
         if reason != "step":
             store_register(self._order.register, self._meter.register_wh)
         return signed

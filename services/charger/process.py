@@ -18,6 +18,7 @@ from rodeo.bus.session import DaoEvents
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import RemoteError
 from rodeo.evidence.store import Store
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.judging.rulings import Rulings
 from rodeo.lab.config import DockConfig
 from rodeo.recording.copies import Copies
@@ -62,7 +63,7 @@ class Charger:
         account = process.wait_account(f"{dock.name}-device")
         self._store = Store(site)
         self._jobs = Jobs(process.data_dir)
-        self._wake = threading.Event()
+        self._wake = ClockedEvent(process.clock)
         """Something happened on chain."""
         self._feed = Feed()
         node = PlainNode(bus.session, f"{dock.name}_meter", "", site.bus.domain_id, process.clock)
@@ -71,7 +72,7 @@ class Charger:
         for robot in site.robots:
             heard = self._feed.battery_of(robot.name)
             node.subscription(battery.name(ns=robot.namespace), battery.type, heard, inline=True)
-        self._retries = Retries(process, lambda: self._terminals.silence)
+        self._retries = Retries(process, self._wake, lambda: self._terminals.silence)
         self._assignments = Assignments(self._organization, site, dock.name)
         # A dock that reads its terminals over an open bus reads what anybody may publish there.
         over_bus: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
@@ -106,30 +107,27 @@ class Charger:
         self._feed.event(event)
         self._rulings.on_event(event)
         self._wake.set()
-        self._process.clock.notify()
 
     def run(self) -> None:
         """Until the process is asked to stop."""
-        with self._process.clock.acting():
-            try:
-                while not self._process.stop.is_set():
-                    self._process.with_room(self._step)
-            finally:
-                for part in self._closing:
-                    part.close()
+        try:
+            self._wake.loop(self._process.stop, lambda: self._process.with_room(self._step))
+        finally:
+            for part in self._closing:
+                part.close()
 
-    def _step(self) -> None:
+    def _step(self) -> Rest | None:
+        """How long to rest where there is nothing to do."""
         self._retries.persist(self._assignments.offer)
         job = self._own_job()
         if job is None and not self._process.disk_problem:
             job = self._next_job()
         if job is None:
             self._process.activity("idle")
-            self._process.clock.wait_for(self._wake.is_set, self._process.stop, wall_s=_LOOK_S, resting=True)
-            self._wake.clear()
-            return
+            return Rest(wall_s=_LOOK_S)
         with about_task(job.task.id):
             self._perform(job)
+        return None
 
     def _own_job(self) -> Job | None:
         return self._jobs.own(

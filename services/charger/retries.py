@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence.errors import StoreUnavailable
+from rodeo.host.clocked import ClockedEvent
 from rodeo.runtime.process import Process, Result, repeated
 
 RETRY_S = 1.0
@@ -17,8 +18,8 @@ _REFUSED_S = 10.0
 class Retries:
     """Waits and repeats for one process; `silence` is why the dock's readings are missing, if they are."""
 
-    def __init__(self, process: Process, silence: Callable[[], str]) -> None:
-        self._process = process
+    def __init__(self, process: Process, wake: ClockedEvent, silence: Callable[[], str]) -> None:
+        self._process, self._wake = process, wake
         self._silence = silence
 
     def persist(self, attempt: Callable[[], Result]) -> Result | None:
@@ -29,7 +30,7 @@ class Retries:
         return result
 
     def pause(self, wall_s: float) -> None:
-        self._process.clock.wait_for(lambda: False, self._process.stop, wall_s=wall_s)
+        self._wake.pause(self._process.stop, wall_s=wall_s)
 
     def update_readiness(self) -> None:
         silence = self._silence()
@@ -55,6 +56,5 @@ class Retries:
 
     def _wait_refused(self) -> None:
         """Simulated time passes, or is jumped over: the time of the retry does not depend on the machine."""
-        clock = self._process.clock
-        until_s = clock.now_s() + _REFUSED_S
-        clock.wait_for(lambda: False, self._process.stop, until_s=until_s, resting=True)
+        until_s = self._process.clock.now_s() + _REFUSED_S
+        self._wake.pause(self._process.stop, until_s=until_s, resting=True)

@@ -89,25 +89,23 @@ class Itrash:
 
     def run(self) -> None:
         """Carry out actions until the process is asked to stop."""
-        with self._process.clock.acting():
-            self._live()
-
-    def _live(self) -> None:
         try:
-            while not self._process.stop.is_set():
-                self._update_status()
-                if self._waiting and self._witness.chain is not None:
-                    waiting, self._waiting = self._waiting, []
-                    for record in waiting:
-                        self._attest(record)
-                if self._steps.await_action():
-                    self._carry_out(self._steps.next())
+            self._steps.arrived.loop(self._process.stop, self._look)
         finally:
             self._roots.close()
             self._witness.close()
             self._eye.camera.close()
             self._node.close()
             self._save()
+
+    def _look(self) -> None:
+        self._update_status()
+        if self._waiting and self._witness.chain is not None:
+            waiting, self._waiting = self._waiting, []
+            for record in waiting:
+                self._attest(record)
+        if self._steps.await_action():
+            self._carry_out(self._steps.next())
 
     def _save(self) -> None:
         with self._steps.lock:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
+from rodeo.host.clocked import ClockedEvent
 from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import BinConfig
 from rodeo.ros2 import readings
@@ -37,6 +38,7 @@ class Steps:
         self.lock = threading.Lock()
         self._process = process
         self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
+        self.arrived = ClockedEvent(process.clock, lambda: not self._actions.empty())
         for record in bin_.memory.unsigned:  # decided before the process ended
             self._actions.put(Attest(record))
         self._presence = ""
@@ -80,7 +82,7 @@ class Steps:
         if changed and not actions:
             self._actions.put(None)  # nothing to do but to remember
         if changed or actions:
-            self._process.clock.notify()
+            self.arrived.set()
 
     def _remembered(self) -> tuple[Any, ...]:
         bin_, memory = self.bin, self.bin.memory
@@ -93,8 +95,7 @@ class Steps:
         may be the one that decides: a simulated clock waits after it. A simulator that skips a charge
         continues to show readings, also while something is awaited."""
         attentive, decides = self.bin.attentive, self.bin.decides
-        self._process.clock.wait_for(
-            lambda: not self._actions.empty(),
+        self.arrived.wait(
             self._process.stop,
             wall_s=_TELL_S,
             every_s=_READING_S if decides else math.inf,

@@ -22,7 +22,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -33,6 +32,7 @@ from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
 from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.recording.copies import ask_to_put, hand_over
 from rodeo.runtime.logs import about_task
 from rodeo.site.config import Site
@@ -104,8 +104,7 @@ class MissingProofs:
         self._found, self._waits, self.stores = found, waits, stores
         self._lock = threading.Lock()
         self._sought: dict[tuple[int, int], _Sought] = {}
-        self._news = 0
-        """Counts proofs to look for."""
+        self._news = ClockedEvent(clock)
         self._copies: dict[tuple[int, int], Path] = {}
         self._last_words: dict[tuple[int, int], Report] = {}
         self._looked = threading.Event()
@@ -118,30 +117,23 @@ class MissingProofs:
         self.forget(key)
         with self._lock:
             self._sought[key] = _Sought(task, away.message, away.owner)
-            self._news += 1
         log.warning("task %d attempt %d: %s; asking its executor for the proof", *key, away.message)
-        self._clock.notify()
+        self._news.set()
 
     def run(self, stop: threading.Event, tell: Callable[[], None]) -> None:
         """Run until `stop`; `tell` is called now and then to publish the status."""
-        with self._clock.acting():
-            while not stop.is_set():
-                # Before the look: a proof sought meanwhile may be due first.
-                news = self._news
-                self._looked.clear()
-                tell()
-                if self._look_around():
-                    # A simulated clock, which may jump, waits for the final verdict on what is due.
-                    self._looked.wait(LOOK_S)
-                else:
-                    until_s = self._first_due_s()
-                    self._clock.wait_for(
-                        partial(self._has_news, news), stop, until_s=until_s, wall_s=LOOK_S, resting=True
-                    )
-        self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def _has_news(self, since: int) -> bool:
-        return self._news != since
+        def look() -> Rest | None:
+            self._looked.clear()
+            tell()
+            if not self._look_around():
+                return Rest(self._first_due_s(), LOOK_S)
+            # A simulated clock, which may jump, waits for the final verdict on what is due.
+            self._looked.wait(LOOK_S)
+            return None
+
+        self._news.loop(stop, look)
+        self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _look_around(self) -> bool:
         """Begin the looks that are due; returns whether a verdict is due on any of them."""

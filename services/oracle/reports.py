@@ -6,6 +6,7 @@ import hashlib
 import logging
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from rodeo.bus.messages import Task
@@ -13,6 +14,7 @@ from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_listed, acts_
 from rodeo.checks.report import Check, Report
 from rodeo.evidence.errors import EvidenceError, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.host.files import replace_file, writing
 from rodeo.runtime.process import Process
 from services.oracle.away import due_s, is_due
@@ -30,6 +32,9 @@ class Reports:
     def __init__(self, process: Process, acts: ConsumedActs) -> None:
         self._site, self._clock, self._stop = process.site, process.clock, process.stop
         self._acts = acts
+        self._seen = 0
+        """Up to which news of acts `run` has looked."""
+        self._news = ClockedEvent(process.clock, lambda: self._has_news(self._seen))
         self.store = Store(process.site)
         self.folder = process.data_dir / "reports"
         """Own copies: a store that loses a report must keep nobody waiting."""
@@ -82,25 +87,26 @@ class Reports:
                 said = why
             # A clock that jumped to the end of the window would leave no time for the report.
             until_s = None if due else due_s(task, self._site)
-            self._wait_for_news(news, until_s, resting=not due)
+            # No simulated clock waits meanwhile: the awaited event may be that something is due.
+            more = ClockedEvent(self._clock, partial(self._has_news, news))
+            more.wait(self._stop, until_s=until_s, resting=not due)
         return None
 
-    def _wait_for_news(self, news: int, until_s: float | None = None, *, resting: bool = True) -> None:
-        """Wait until more is known of acts than at `news`, or `until_s`. No simulated clock waits meanwhile:
-        the awaited event may be that something is due."""
-        self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=resting)
+    def _has_news(self, since: int) -> bool:
+        return self._acts.news != since
 
     def run(self) -> None:
         """Read reports of what was paid for, or may be, as soon as they are announced."""
-        with self._clock.acting():
-            while not self._stop.is_set():
-                news = self._acts.news
-                missing = [one for one in self._acts.unread() if not self._read(one)]
-                if missing:
-                    # Submissions that wait for these reports have their own timers.
-                    self._clock.wait_for(lambda: False, self._stop, wall_s=RETRY_S, resting=True)
-                else:
-                    self._wait_for_news(news)
+        self._news.loop(self._stop, self._look)
+
+    def _look(self) -> Rest | None:
+        self._seen = self._acts.news
+        missing = [one for one in self._acts.unread() if not self._read(one)]
+        if not missing:
+            return Rest()
+        # Submissions that wait for these reports have their own timers.
+        self._news.pause(self._stop, wall_s=RETRY_S, resting=True)
+        return None
 
     def _read(self, submission: Submission) -> bool:
         """Learn the acts that a submission's reports list; False while one cannot be had."""

@@ -13,11 +13,11 @@ import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import partial
 
 from rodeo.bus.messages import DaoEvent, Task
 from rodeo.checks.report import Check, Report
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.site.config import Site
 from services.oracle.away import FAULT, due_s, is_due, report_on
 
@@ -61,8 +61,7 @@ class Judging:
         self._open: Counter[Rules] = Counter()
         self._left: dict[tuple[int, int], Task] = {}
         """Submissions that are left to others."""
-        self._news = 0
-        """Counts what was left."""
+        self._news = ClockedEvent(clock)
         self._said: set[int] = set()
         """Tasks for which that was logged."""
 
@@ -153,7 +152,6 @@ class Judging:
             return self._last_word(task)
         with self._lock:
             self._left[key] = task
-            self._news += 1
             unsaid = task.id not in self._said
             self._said.add(task.id)
         if unsaid:
@@ -164,7 +162,7 @@ class Judging:
                 task.kind,
                 self._mine.get(task.kind),
             )
-        self._clock.notify()
+        self._news.set()
         return None
 
     def forget(self, key: tuple[int, int]) -> None:
@@ -174,24 +172,17 @@ class Judging:
 
     def run(self, stop: threading.Event) -> None:
         """Until `stop`: hand over submissions that nobody has judged when their verdict is due."""
-        with self._clock.acting():
-            while not stop.is_set():
-                # Before the look: a submission left meanwhile may be due first.
-                news = self._news
-                for key, task in self._sorted():
-                    if not self._waits(*key):
-                        self.forget(key)
-                    elif is_due(task, self._site, self._clock, PATIENCE):
-                        self.forget(key)
-                        self._found(*key)
-                first = next((task for _, task in self._sorted()), None)
-                until_s = None if first is None else due_s(first, self._site, PATIENCE)
-                self._clock.wait_for(
-                    partial(self._has_news, news), stop, until_s=until_s, wall_s=_LOOK_S, resting=True
-                )
+        self._news.loop(stop, self._look)
 
-    def _has_news(self, since: int) -> bool:
-        return self._news != since
+    def _look(self) -> Rest:
+        for key, task in self._sorted():
+            if not self._waits(*key):
+                self.forget(key)
+            elif is_due(task, self._site, self._clock, PATIENCE):
+                self.forget(key)
+                self._found(*key)
+        first = next((task for _, task in self._sorted()), None)
+        return Rest(None if first is None else due_s(first, self._site, PATIENCE), _LOOK_S)
 
     def _sorted(self) -> list[tuple[tuple[int, int], Task]]:
         """Submissions that are left to others, the first due at the front."""

@@ -21,12 +21,12 @@ import math
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
-from contextlib import ExitStack
 from functools import partial
 from typing import NamedTuple
 
 from rodeo.checks.acts import ConsumedActs
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent, Rest, act
 from rodeo.runtime.logs import about_task
 from services.oracle.worker import VerificationFailed
 
@@ -53,8 +53,8 @@ class Turns:
     """
 
     def __init__(self, clock: Clock, places: int) -> None:
-        self._clock = clock
-        self._places = places
+        self._clock, self._places = clock, places
+        self._changed = ClockedEvent(clock, self._has_next)
         self._lock = threading.Lock()
         self._numbers = itertools.count(1)
         self._lines: dict[tuple[str, bool], deque[_Entry]] = {}
@@ -69,7 +69,7 @@ class Turns:
         with self._lock:
             entry = _Entry(next(self._numbers), key, provider, again)
             self._lines.setdefault((provider, again), deque()).append(entry)
-        self._clock.notify()
+        self._changed.set()
 
     def waiting(self) -> list[Key]:
         """Submissions in line, in the order in which they came."""
@@ -80,34 +80,34 @@ class Turns:
         """Give turns until `stop`; returns when the last one has ended. Each is `work(key, leave)` in a
         thread of its own, and gives its place to the next when it calls `leave`, or ends."""
         threads: list[threading.Thread] = []
-        with self._clock.acting():
-            while self._clock.wait_for(partial(self._has_next, stop), stop, resting=True):
-                held = ExitStack()
-                # A simulated clock waits for a verdict from here on, but not for a submission that waits for
-                # its turn: all the others may wait for something to be due.
-                held.enter_context(self._clock.hold())
-                thread = threading.Thread(
-                    target=self._turn, args=(*self._take(), held, work), name="verifier", daemon=True
-                )
-                thread.start()
-                threads = [one for one in threads if one.is_alive()] + [thread]
+
+        def start(turn: Callable[[], None]) -> None:
+            thread = threading.Thread(target=turn, name="verifier", daemon=True)
+            thread.start()
+            threads[:] = [one for one in threads if one.is_alive()] + [thread]
+
+        def look() -> Rest | None:
+            if not self._has_next():
+                return Rest()
+            # A simulated clock waits for a verdict from here on, but not for a submission that waits for its
+            # turn: all the others may wait for something to be due.
+            act(self._clock, partial(self._turn, *self._take(), work), start)
+            return None
+
+        self._changed.loop(stop, look)
         for thread in threads:
             thread.join()
 
-    def _turn(
-        self, key: Key, number: int, held: ExitStack, work: Callable[[Key, Callable[[], None]], None]
-    ) -> None:
+    def _turn(self, key: Key, number: int, work: Callable[[Key, Callable[[], None]], None]) -> None:
         leave = partial(self._leave, number)
-        with self._clock.acting():
-            held.close()
-            try:
-                work(key, leave)
-            finally:
-                leave()
+        try:
+            work(key, leave)
+        finally:
+            leave()
 
-    def _has_next(self, stop: threading.Event) -> bool:
+    def _has_next(self) -> bool:
         with self._lock:
-            return not stop.is_set() and self._next() is not None
+            return self._next() is not None
 
     def _take(self) -> tuple[Key, int]:
         """The key of the next turn, and the number of the turn."""
@@ -125,7 +125,7 @@ class Turns:
     def _leave(self, number: int) -> None:
         with self._lock:
             self._in_work.pop(number, None)
-        self._clock.notify()
+        self._changed.set()
 
     def _next(self) -> _Entry | None:
         """The key of the next turn; None while there is nobody, or no place."""

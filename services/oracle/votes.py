@@ -28,6 +28,7 @@ from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
 from rodeo.host.budget import CheckBudget
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.site import topics
 from rodeo.site.config import Site
 from services.oracle.voters import Voters
@@ -118,8 +119,8 @@ class Votes:
     ) -> None:
         self._site, self._name, self.voters = site, name, voters
         self._bus, self._wallet, self._clock = bus, wallet, clock
+        self._news = ClockedEvent(clock, lambda: bool(self.due()))
         self._waits, self._tell = waits, tell
-        self._judges = [one.name for one in site.oracles]
         self._held: dict[Key, _Held] = {}
         self.early: dict[tuple[str, Key], deque[str]] = {}
         """Signatures on submissions on which this oracle has not voted yet, the newest last."""
@@ -136,24 +137,23 @@ class Votes:
         subscription = self._bus.subscribe_with_source(
             everybodys, lambda key, payload, source: self.on_vote(key, decode_json(payload), source)
         )
-        with self._clock.acting():
-            while not stop.is_set():
-                try:
-                    self.forget()
-                    self.repeat()
-                    for key in self.due():
-                        self.post(key)
-                except Exception:
-                    # The next votes must be posted whatever happened to these.
-                    log.exception("votes were not published or posted")
-                self._clock.wait_for(
-                    lambda: bool(self.due()),
-                    stop,
-                    until_s=self.next_panel_s(),
-                    wall_s=self.pause_s(),
-                    resting=True,
-                )
+        self._news.loop(stop, self._look)
         subscription.undeclare()
+
+    def _look(self) -> Rest:
+        try:
+            self.forget()
+            self.repeat()
+            for key in self.due():
+                self.post(key)
+        except Exception:
+            # The next votes must be posted whatever happened to these.
+            log.exception("votes were not published or posted")
+        return Rest(self.next_panel_s(), self.pause_s())
+
+    @property
+    def _judges(self) -> list[str]:
+        return [one.name for one in self._site.oracles]
 
     def cast(self, task: Task, vote: Vote, report_uri: str) -> None:
         """Sign and publish this oracle's vote. Raises BusError, RemoteError."""
@@ -174,7 +174,7 @@ class Votes:
             if self._agreed(held):
                 held.due_s = time.monotonic()  # this vote was the last that was needed
         self._tell()
-        self._clock.notify()
+        self._news.set()
 
     def keys(self) -> set[Key]:
         """Submissions on which this oracle has voted."""
@@ -238,7 +238,7 @@ class Votes:
                 self._take_turn(held)
         if same:
             self._tell()
-            self._clock.notify()
+            self._news.set()
 
     def _count(self, held: _Held, name: str, signature: str) -> bool:
         """Hold it if it is the signature of the oracle called `name` of the same vote as this oracle's."""

@@ -60,14 +60,14 @@ class Patience:
     def __init__(self, process: Process, news: News, activity: Activity) -> None:
         self._keeps_wall_time = process.site.clock.keeps_wall_time
         self._clock, self._stop = process.clock, process.stop
-        self.news, self._activity = news, activity
+        self.wake, self._activity = news.wake, activity
         self._complaint = ""
         """Reason of the last wait; reported once."""
 
     def wait_out(self, activity: str, wall_s: float, error: Exception) -> None:
         """Wait `wall_s`, in which what is away may come back."""
         self._complain(activity, error)
-        self._clock.wait_for(lambda: False, self._stop, wall_s=wall_s)
+        self.wake.pause(self._stop, wall_s=wall_s)
 
     def wait_refused(self, activity: str, wall_s: float, error: Exception) -> None:
         """Wait until something happens on chain, or for long: nothing else changes a refusal. A simulated
@@ -77,8 +77,8 @@ class Patience:
             return
         self._complain(activity, error)
         now_s = self._clock.now_s()
-        self._clock.wait_for(lambda: False, self._stop, until_s=now_s + _NEWS_AFTER_S, resting=True)
-        self._clock.wait_for(self.news.wake.is_set, self._stop, until_s=now_s + _REFUSED_S, resting=True)
+        self.wake.pause(self._stop, until_s=now_s + _NEWS_AFTER_S, resting=True)
+        self.wake.wait(self._stop, until_s=now_s + _REFUSED_S, resting=True)
 
     def _complain(self, activity: str, error: Exception) -> None:
         if str(error) != self._complaint:

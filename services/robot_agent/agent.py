@@ -77,7 +77,7 @@ class Agent:
 
     def live(self) -> None:
         while True:
-            self._patience.news.wake.clear()
+            self._patience.wake.clear()
             if self._process.stop.is_set():  # asked after clearing: it wakes once
                 return
             try:

@@ -133,7 +133,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Agent
     def state() -> dict[str, Any]:
         return {"rests_until": offers.rests_until, **activity.state()}
 
-    orders = parts.make_orders(machine.body, news.notice, state, decisions.about)
+    orders = parts.make_orders(machine.body, news.wake.set, state, decisions.about)
     rulings = Rulings(dao, clock, process.stop)
     closing.callback(rulings.close)
     news.start()

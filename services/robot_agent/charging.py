@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import threading
 from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import Protocol
@@ -17,6 +16,7 @@ from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import ORGANIZATION, dock_offers
 from rodeo.errors import ConfigError
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
@@ -124,7 +124,7 @@ class Charging:
 
         return min(self._site.docks, key=cost)
 
-    def take(self, task: Task, wake: threading.Event, report: Tell) -> None:
+    def take(self, task: Task, wake: ClockedEvent, report: Tell) -> None:
         """Drive to the dock and stay until the charger is done with `task`, then leave.
 
         Raises MotionFailed when the dock cannot be reached.
@@ -168,9 +168,9 @@ class Charging:
         report("leaving the dock", 1.0)
         self._manipulator.leave(dock_parking(dock))
 
-    def _wait(self, wake: threading.Event) -> None:
+    def _wait(self, wake: ClockedEvent) -> None:
         """Wait until something happens on chain or it is time to look again."""
         check = self._body.interrupts.check
-        self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=check, resting=True)
+        wake.wait(wall_s=_LOOK_WALL_S, check=check, resting=True)
         wake.clear()
         check()

@@ -105,7 +105,7 @@ class Idle:
                 return  # something happened meanwhile: decide again
             if 0 < self._astray < _ASTRAY_TRIES:
                 until_s = self._clock.now_s() + _ASTRAY_S
-                self._clock.wait_for(self._news.wake.is_set, self._stop, until_s=until_s, resting=True)
+                self._news.wake.wait(self._stop, until_s=until_s, resting=True)
                 return
             self.machine.body.switch_off()
             self.off_since = situation
@@ -114,7 +114,7 @@ class Idle:
             return
         begins_s = schedule.next_change_s(now_s)
         self.activity.report(f"off until {schedule.time_of_day(begins_s)}")
-        self._clock.wait_for(self._news.wake.is_set, self._stop, until_s=begins_s, resting=True)
+        self._news.wake.wait(self._stop, until_s=begins_s, resting=True)
 
     def explore(self, situation: Situation) -> None:
         self._care.ask()
@@ -153,8 +153,7 @@ class Idle:
             until_s = min(until_s, self._exploring.renewed_s(now_s))
         if self._offers.rests_until_s > now_s:
             until_s = min(until_s, self._offers.rests_until_s)
-        self._clock.wait_for(
-            self._news.wake.is_set,
+        self._news.wake.wait(
             self._stop,
             until_s=until_s,
             wall_s=None if self._leaves_the_wall and not looks else _IDLE_WALL_S,

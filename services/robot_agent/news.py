@@ -6,14 +6,15 @@ import threading
 
 from rodeo.bus.messages import DaoEvent
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import ClockedEvent
 
 
 class News:
     """Thread-safe. `wake` is set while there is something that the mind has not looked at."""
 
     def __init__(self, clock: Clock, stop: threading.Event) -> None:
-        self._clock, self._stop = clock, stop
-        self.wake = threading.Event()
+        self._stop = stop
+        self.wake = ClockedEvent(clock)
         self.assigned_seq = 0
         """Number of the last event by which a task was assigned, to whomever."""
 
@@ -25,11 +26,7 @@ class News:
         self._stop.wait()
         self.wake.set()
 
-    def notice(self) -> None:
-        self.wake.set()
-        self._clock.notify()
-
     def on_event(self, event: DaoEvent) -> None:
         if event.name == "TaskAssigned":
             self.assigned_seq = event.seq
-        self.notice()
+        self.wake.set()

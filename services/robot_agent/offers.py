@@ -50,7 +50,7 @@ class Turns:
         tick += (robots.index(self._robot) - tick) % len(robots)
         # Half a period early: a float of its end may lie behind it.
         until_s = (tick - 0.5) * CONTROL_PERIOD_S
-        self._clock.wait_for(lambda: False, self._stop, until_s=until_s, resting=True)
+        self._news.wake.pause(self._stop, until_s=until_s, resting=True)
 
     def let_others_begin(self, report: Callable[[str], None], check: Callable[[], None]) -> None:
         """Before the first offer: robots begin in the order of the site file, because how long each takes to
@@ -65,7 +65,7 @@ class Turns:
             if late is None:
                 break
             report(f"waiting for {late.name} to offer its work first")
-            self._clock.wait_for(self._news.wake.is_set, self._stop, until_s=end_s)
+            self._news.wake.wait(self._stop, until_s=end_s)
             check()
         self._has_begun_in_order = True
         self._news.wake.set()  # what happened meanwhile is still to be looked at

@@ -11,6 +11,7 @@ from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import ConfigError
+from rodeo.host.clocked import ClockedEvent
 from rodeo.interfaces.package import register
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.lab.config import RobotConfig
@@ -25,7 +26,7 @@ from services.robot_recorder.mind import Mind
 from services.robot_recorder.services import serve
 from services.robot_recorder.showing import Showing
 from services.robot_recorder.takes import Takes, Works
-from services.robot_recorder.watch import Charges, News, Watch
+from services.robot_recorder.watch import Charges, Watch
 
 
 def run(site: Site, robot: str, stop: threading.Event) -> None:
@@ -42,7 +43,7 @@ def run(site: Site, robot: str, stop: threading.Event) -> None:
         register()
         with ExitStack() as closing:
             watch = assembled(process, config, closing)
-            with process.clock.acting(), closing.pop_all():
+            with closing.pop_all():
                 watch.run()
 
 
@@ -55,7 +56,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Watch
             raise Stopped("the process is asked to end")
 
     device = RobotDevice(process, robot, "recorder", closing)
-    interrupts, news = Interrupts(check), News(process)
+    interrupts, news = Interrupts(check), ClockedEvent(clock)
     dao = Participant(process.bus, site.org, robot.name)
     body = RosBody(device.node, site, robot, clock, interrupts)
     witness = device.make_witness()
@@ -64,7 +65,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Watch
     closing.callback(receipts.close)
     mind = Mind(device.node, robot)
     closing.callback(mind.close)
-    orders = device.make_orders(body, news.notice, lambda: watch.state(), lambda _task_id, _limit: [])
+    orders = device.make_orders(body, news.set, lambda: watch.state(), lambda _task_id, _limit: [])
     closing.callback(orders.close)
     events, kinds = TaskEvents(), kinds_of(site)
     works = Works(kinds, bins, frozenset(item.id for item in site.items))
@@ -73,7 +74,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Watch
 
     def on_event(event: DaoEvent) -> None:
         events.on_event(event)
-        news.on_event(event)
+        news.set()
 
     closing.callback(DaoEvents(process.bus, site.org, on_event, clock=clock).close)
     charges = Charges(dao, providing_energy(site).name, receipts, body)

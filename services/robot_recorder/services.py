@@ -6,7 +6,8 @@ import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -14,6 +15,7 @@ import zenoh
 from rodeo.bus.session import validate
 from rodeo.errors import RodeoError
 from rodeo.host.clock import Clock
+from rodeo.host.clocked import act
 from rodeo.interfaces.convert import problem, request_of
 from rodeo.interfaces.package import Interface, recorder
 from rodeo.interfaces.recorder import Present, StartRecording, StopRecording
@@ -68,21 +70,15 @@ class HeldService:
             self._answer_to([pending], {"problem": [problem(busy)]})
 
     def _begin(self, pending: PendingRequest) -> None:
-        arrived = ExitStack()
-        arrived.enter_context(self._clock.hold())
-        try:
-            self._thread.submit(self._work, pending, arrived)
-        except RuntimeError:
-            # The thread has ended: a client of a process that stops hears that nobody answers.
-            arrived.close()
+        # The thread may have ended: a client of a process that stops hears that nobody answers.
+        with suppress(RuntimeError):
+            act(self._clock, partial(self._work, pending), self._thread.submit)
 
-    def _work(self, pending: PendingRequest, arrived: ExitStack) -> None:
-        with self._clock.acting():
-            arrived.close()
-            fields = self._fields(pending)
-            with self._lock:
-                asking, self._asking = self._asking, []
-            self._answer_to(asking, fields)
+    def _work(self, pending: PendingRequest) -> None:
+        fields = self._fields(pending)
+        with self._lock:
+            asking, self._asking = self._asking, []
+        self._answer_to(asking, fields)
 
     def _answer_to(self, asking: list[PendingRequest], fields: dict[str, Any]) -> None:
         response = types.new(self._response, **fields)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import threading
 from typing import Any
 
 from rodeo.attempts.orders import Orders
-from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.messages import Task
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError
+from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
 from rodeo.runtime.process import Process
@@ -21,21 +21,6 @@ log = logging.getLogger(__name__)
 _LOOK_WALL_S = 2.0
 """Wall time between two looks while nothing happens."""
 _ORDERED = ("open", "assigned")
-
-
-class News:
-    """Wakes the watch, from any thread."""
-
-    def __init__(self, process: Process) -> None:
-        self._clock = process.clock
-        self.wake = threading.Event()
-
-    def notice(self) -> None:
-        self.wake.set()
-        self._clock.notify()
-
-    def on_event(self, _event: DaoEvent) -> None:
-        self.notice()
 
 
 class Watch:
@@ -50,22 +35,25 @@ class Watch:
         takes: Takes,
         orders: Orders,
         charges: Charges,
-        news: News,
+        news: ClockedEvent,
     ) -> None:
         self._process, self._dao, self._body, self._mind = process, dao, body, mind
         self._takes, self._orders, self._charges, self._news = takes, orders, charges, news
 
     def run(self) -> None:
-        clock, stop, asked = self._process.clock, self._process.stop, True
-        while not stop.is_set():
-            self._news.wake.clear()
+        asked = True
+
+        def look() -> Rest:
+            nonlocal asked
             try:
                 asked = self._look()
             except (BusError, RemoteError) as error:
                 self._process.not_ready(f"waiting for the organization: {error.message}")
             except DiskFull as error:
                 self._process.not_ready(error.message)
-            clock.wait_for(self._news.wake.is_set, stop, wall_s=_LOOK_WALL_S, resting=not asked)
+            return Rest(wall_s=_LOOK_WALL_S, resting=not asked)
+
+        self._news.loop(self._process.stop, look)
 
     def _look(self) -> bool:
         """Whether the mind has something to do, so that no time may be jumped over."""

@@ -157,7 +157,7 @@ class Assignments:
 
     def _wait(self, task: Task, goal: ClientGoal) -> bool:
         """Until the node is done: True; False when its attempt is over before, or the process stops."""
-        while not self._clock.wait_for(lambda: goal.done, self._stop, wall_s=_LOOK_S):
+        while not goal.wait(self._stop, wall_s=_LOOK_S):
             if self._stop.is_set():
                 return False
             if self._over(task):

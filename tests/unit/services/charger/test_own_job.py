@@ -14,6 +14,8 @@ from rodeo.bus.messages import DaoEvent, Task
 from rodeo.bus.queries import A, Query
 from rodeo.dao import Assignment
 from rodeo.errors import NoResponder, RemoteError
+from rodeo.host.clock import WallClock
+from rodeo.host.clocked import ClockedEvent
 from rodeo.site.config import ClockConfig, Site
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing import answers
@@ -224,7 +226,7 @@ def test_what_is_refused_is_tried_again_by_the_sites_time_and_what_is_away_by_th
         if error := next(attempts):
             raise error
 
-    Retries(process, lambda: "").persist(attempt)
+    Retries(process, ClockedEvent(process.clock), lambda: "").persist(attempt)
     assert process.waits == [wait]
 
 
@@ -247,14 +249,15 @@ def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again
 
 def attended(assignments: Assignments, lie: MeterLie | None) -> Session:
     """A delivery that is over, at a dock whose meter shows nothing or `lie`."""
-    process, unused, delivery, wake = Running(ClockConfig()), cast(Any, None), Session(), threading.Event()
+    process, unused, delivery = Running(ClockConfig()), cast(Any, None), Session()
+    wake = ClockedEvent(WallClock())
     wake.set()
     hands = Hands(
         terminals=SimpleNamespace(lie=lie, shown={}, silence="" if lie is None else str(lie)),  # type: ignore[arg-type]
         witness=unused,
         account=unused,
         feed=Feed(),
-        retries=Retries(process, lambda: ""),  # type: ignore[arg-type]
+        retries=Retries(process, wake, lambda: ""),  # type: ignore[arg-type]
         wake=wake,
         stands=assignments.stands,
         save=lambda _job: None,

@@ -232,6 +232,9 @@ class NightClock:
         self._night.wait_until(until_s, stop)
         return done()
 
+    def notify(self) -> None:
+        """Nobody waits in another thread."""
+
 
 def steps(night: Night, number: int) -> None:
     agent = night.agent or night.mind()
@@ -335,7 +338,7 @@ def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:
     news.start()
     assert begun.wait(HANG_S) and not news.wake.is_set()
     stop.set()
-    assert news.wake.wait(HANG_S)
+    assert news.wake.wait(wall_s=HANG_S)
 
 
 @pytest.mark.parametrize(("hour", "paused"), [(17.9, False), (18.1, True)])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rodeo.errors import DiskFull
+from rodeo.host.clocked import ClockedEvent
 from services.robot_recorder.watch import Charges, Watch
 
 
@@ -17,7 +19,7 @@ class Process:
 
     def __init__(self) -> None:
         self.stop, self.told, self.rests = threading.Event(), list[str](), list[bool]()
-        self.clock = SimpleNamespace(wait_for=self._wait)
+        self.clock = SimpleNamespace(wait_for=self._wait, acting=nullcontext)
 
     def _wait(self, *_args: Any, resting: bool, **_kwargs: Any) -> None:
         self.rests.append(resting)
@@ -52,7 +54,7 @@ def watch(
     mind: Any = SimpleNamespace(tell=lambda *_a: None, nodes=["/panther1/mind"])
     dao: Any = SimpleNamespace(name="panther1", tasks=lambda **_wanted: list(assigned))
     charges: Any = SimpleNamespace(look=lambda: charge)
-    news: Any = SimpleNamespace(wake=threading.Event())
+    news = ClockedEvent(process.clock)
     takes: Any = SimpleNamespace(running=take)
     return Watch(process, dao, body, mind, takes, orders, charges, news)
 
