@@ -32,10 +32,11 @@ from services.robot_sim.arm import (
     check,
 )
 from services.robot_sim.commander import Commander
-from services.robot_sim.loop import Loop, Turn
+from services.robot_sim.loop import Loop
 from services.robot_sim.navigation import Drive
 from services.robot_sim.planner import GoalOutsideMap, Map, PlanningFailed, Route, UnknownFrame, plan
 from services.robot_sim.simulation import SimRobot
+from services.robot_sim.turns import Turn
 
 log = logging.getLogger(__name__)
 
@@ -154,7 +155,7 @@ class Actions:
     def _look(self) -> tuple[Pose2, Map]:
         simulation, robot = self._simulation, self._robot
         seen = [(float(x), float(y)) for x, y in robot.unmapped(simulation.map, simulation.time_ns)]
-        return robot.body.pose, simulation.map.with_items([*simulation.items_on_floor(), *seen])
+        return robot.body.pose, simulation.map.with_items([*simulation.things.on_floor(), *seen])
 
     def _possible(self, here: Pose2, goal: Pose2) -> bool:
         try:

@@ -49,7 +49,7 @@ class StoredCamera:
     def jpeg(self) -> bytes:
         name = "empty"
         for item in self._simulation.site.items:
-            position_m, _ = self._simulation.item_pose(item.id)
+            position_m, _ = self._simulation.things.item_pose(item.id)
             if math.dist(position_m, self._show_point) <= _SHOWN_M:
                 name = f"{item.item_class}_{item.shape}"
         path = RENDERINGS / f"{name}.jpg"

@@ -19,6 +19,7 @@ from services.robot_sim.publish_queue import PublishQueue
 from services.robot_sim.roster import NEVER_NS
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
+from services.robot_sim.turns import Turn, Turns
 
 log = logging.getLogger(__name__)
 
@@ -56,49 +57,33 @@ class Publisher(Protocol):
         ...
 
 
-class Turn:
-    """An action's hold on the time, which does not continue before the requested motion has begun, nor from
-    its end until that is published. A turn that waits `after` another one holds nothing before that is
-    over."""
+class Pace:
+    """When each period is due: by the wall's time, or by that and a speed."""
 
-    def __init__(self, after: Turn | None = None) -> None:
-        self.over = False
-        self._after = after
-        self._running: threading.Event | None = None
-        self._cancelled: Callable[[], bool] = lambda: False
-        self.until_ns: int | None = None
-        """When its wait ends; None while it does not wait."""
+    def __init__(self, keeps_wall_time: bool) -> None:
+        self._keeps_wall_time = keeps_wall_time
+        self._speed = 0.0
+        self._anchor_wall_s, self._anchor_ns = 0.0, 0
 
-    def begins(self, finished: threading.Event) -> None:
-        """The motion is under way until `finished`."""
-        self._running = finished
+    def set(self, speed: float, now_ns: int) -> float:
+        """The speed from now on. Returns the time to skip, where the machine cannot simulate it."""
+        early_s = self.early_s(now_ns)
+        is_late = self._speed == speed and early_s < -_LATE_S
+        if is_late and self._keeps_wall_time:
+            return -early_s
+        if is_late or self._speed != speed:
+            # The clock still waits for its lead: a limit that changes with each jump would be none.
+            self._anchor_wall_s, self._anchor_ns = time.monotonic() + max(0.0, early_s), now_ns
+            self._speed = speed
+        return 0.0
 
-    def waits(self, until_ns: int, cancelled: Callable[[], bool]) -> threading.Event:
-        """Nothing is done until `until_ns` (site time), or until it is `cancelled`. Then the event is set."""
-        self.until_ns, self._cancelled = until_ns, cancelled
-        self._running = threading.Event()
-        return self._running
-
-    def end_wait(self, now_ns: int) -> None:
-        """End the wait at the first period that is late enough, in the loop: a thread of its own would be
-        late by as much as the machine lets it."""
-        if self.until_ns is not None and (now_ns >= self.until_ns or self._cancelled()):
-            self.until_ns = None
-            assert self._running is not None
-            self._running.set()
-
-    def goes_on(self) -> None:
-        """What there is to do takes no time."""
-        self._running = None
-
-    @property
-    def holds(self) -> bool:
-        if self._after is not None:
-            if not self._after.over:
-                return False
-            self._after = None
-        running = self._running
-        return running is None or running.is_set()
+    def early_s(self, now_ns: int) -> float:
+        """Wall time until the next period is due."""
+        if self._keeps_wall_time:
+            return (now_ns - time.time_ns()) * 1e-9
+        if self._speed == 0:
+            return 0.0
+        return self._anchor_wall_s + (now_ns - self._anchor_ns) * 1e-9 / self._speed - time.monotonic()
 
 
 class Loop:
@@ -122,8 +107,7 @@ class Loop:
         """Whether the clock has to stand, whoever holds it."""
         self.tell_time: Callable[[int], object] = lambda time_ns: None
         """Publishes the site's time (ns) on /clock."""
-        self._turns: set[Turn] = set()
-        self._turns_lock = threading.Lock()
+        self._turns = Turns()
         self.simulation = simulation
         self.publish_queue = PublishQueue(self._save)
         self._state = state
@@ -134,9 +118,7 @@ class Loop:
         self._jobs: queue.SimpleQueue[tuple[Callable[[], object], Future[object] | None]]
         self._jobs = queue.SimpleQueue()
         self._closed = threading.Event()
-        self._anchor_wall_s = 0.0
-        self._anchor_ns = 0
-        self._speed = 0.0
+        self._pace = Pace(keeps_wall_time)
 
     def call(self, function: Callable[[], Result]) -> Result:
         """Run `function` between two control periods and return what it returns, once all that was published
@@ -172,16 +154,11 @@ class Loop:
     def turn(self, after: Turn | None = None) -> Iterator[Turn]:
         """Context of all that an action does for one goal, from before its client hears that it is accepted,
         and lets go of the clock."""
-        turn = Turn(after)
-        with self._turns_lock:
-            self._turns.add(turn)
+        turn = self._turns.begin(after)
         try:
             yield turn
         finally:
-            # A turn that stayed would stop the time indefinitely.
-            turn.over = True
-            with self._turns_lock:
-                self._turns.discard(turn)
+            self._turns.end(turn)
             self.sent()
 
     def sent(self) -> None:
@@ -222,31 +199,22 @@ class Loop:
                 self.simulation.skip(self._stride_ns(self._limited(self._clock.idle_speed)))
             else:
                 self.simulation.step()
-            self._end_waits(self.simulation.time_ns)
+            self._turns.end_waits(self.simulation.time_ns)
             if power_only:
                 show = partial(publisher.publish_power, self._due or not self.simulation.parked)
             else:
                 show = partial(publisher.publish, skipping)
             self.publish_queue.publish(show, self._ahead)
         self.simulation.halt()
-        self._end_waits(NEVER_NS)
+        self._turns.end_waits(NEVER_NS)
         self._closed.set()
         self.publish_queue.flush()
 
     def _wait_turn(self, speed: float) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""
-        behind_s = -self._early_s(speed) if self._speed == speed else 0.0
-        if behind_s > _LATE_S and self._keeps_wall_time:
-            self._skip(behind_s)
-        elif self._speed != speed or behind_s > _LATE_S:
-            # The clock still waits for its lead: a limit that changes with each jump would be none.
-            ahead_s = max(0.0, self._early_s(self._speed))
-            self._speed, self._anchor_wall_s, self._anchor_ns = (
-                speed,
-                time.monotonic() + ahead_s,
-                self.simulation.time_ns,
-            )
-        wait_s = self._early_s(speed)
+        if stalled_s := self._pace.set(speed, self.simulation.time_ns):
+            self._skip(stalled_s)
+        wait_s = self._pace.early_s(self.simulation.time_ns)
         try:
             function, done = self._jobs.get(wait_s > _EARLY_S, timeout=min(max(wait_s, 0.0), _STOP_CHECK_S))
         except queue.Empty:
@@ -283,16 +251,7 @@ class Loop:
     @property
     def _next_ns(self) -> int:
         """Site time before which no holder and no action has anything to do."""
-        with self._turns_lock:
-            times_ns = [turn.until_ns for turn in self._turns if turn.until_ns is not None]
-        if self.holders is not None:
-            times_ns.append(self.holders.next_ns)
-        return min(times_ns, default=NEVER_NS)
-
-    def _end_waits(self, now_ns: int) -> None:
-        with self._turns_lock:
-            for turn in self._turns:
-                turn.end_wait(now_ns)
+        return min(self._turns.next_ns, NEVER_NS if self.holders is None else self.holders.next_ns)
 
     def _held(self) -> bool:
         """Wait while somebody holds the clock; True when it has to be asked again."""
@@ -309,9 +268,7 @@ class Loop:
     def _passed_by_holders(self) -> bool:
         if self.holders is None:
             return True
-        with self._turns_lock:
-            in_turn = any(turn.holds for turn in self._turns)
-        return not in_turn and self.holders.may_pass(self.simulation.time_ns, self._then)
+        return not self._turns.hold and self.holders.may_pass(self.simulation.time_ns, self._then)
 
     def _save(self) -> None:
         self._state.save(self.simulation.time_ns, self.simulation.row())
@@ -329,16 +286,7 @@ class Loop:
     @property
     def _ahead(self) -> bool:
         """Whether the next period has to wait."""
-        return self._early_s(self._speed) > _EARLY_S
-
-    def _early_s(self, speed: float) -> float:
-        """Wall time until the next period is due."""
-        if self._keeps_wall_time:
-            return (self.simulation.time_ns - time.time_ns()) * 1e-9
-        if speed == 0:
-            return 0.0
-        due_s = self._anchor_wall_s + (self.simulation.time_ns - self._anchor_ns) * 1e-9 / speed
-        return due_s - time.monotonic()
+        return self._pace.early_s(self.simulation.time_ns) > _EARLY_S
 
     def _skip(self, behind_s: float) -> None:
         """The machine stalled: continue at the wall's time."""

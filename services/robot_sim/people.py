@@ -20,7 +20,7 @@ from rodeo.bus.messages import Task
 from rodeo.bus.queries import A, Query
 from rodeo.bus.session import Bus
 from rodeo.errors import BusError, RemoteError
-from rodeo.kinds import kinds_of
+from rodeo.kinds import Kinds, kinds_of
 from rodeo.person.pace import deadline_s, runs_fast
 from rodeo.site import topics
 from rodeo.site.config import Site
@@ -54,19 +54,63 @@ _CHANGED = 0.02
 Key = tuple[int, int, str]
 
 
-class PeoplesTime:
-    """The limit of the clock's speed; `limit` and `task_id` are read from other threads.
+class Windows:
+    """What people have to do, and the limit of the clock's speed until it is done; `limit` and `task_id` are
+    read from other threads.
 
     `now_s` returns the site's time.
     """
 
-    def __init__(self, bus: Bus, site: Site, now_s: Callable[[], float]) -> None:
-        self._bus = bus
-        self._site = site
-        self._now_s = now_s
+    def __init__(self, site: Site, now_s: Callable[[], float]) -> None:
+        self._site, self._now_s = site, now_s
+        self.slow = site.people.min_window_s > 0 and runs_fast(site)
+        """Whether the clock may have to be slow for people."""
+        self._kinds = kinds_of(site) if self.slow else Kinds(site, {})
         self._min_s = site.people.min_window_s
         self._ends: dict[Key, tuple[float, float]] = {}
         """What a person has to do -> until when: site time, and the least monotonic wall time for it."""
+        self.limit = math.inf
+        """Limit of the clock's speed, seconds of site time per second of wall time."""
+        self.task_id: int | None = None
+        """The task whose person has the least time for it, where that limits the speed."""
+
+    def take(self, tasks: Iterable[Task], wall_s: float) -> None:
+        """Remember what people have to do, from when it was first heard of (monotonic wall time)."""
+        ends: dict[Key, tuple[float, float]] = {}
+        for task in tasks:
+            until_s = deadline_s(task, self._kinds)
+            if until_s is not None:
+                key = task.id, task.attempt, _waiting(task)
+                _, wall_end_s = self._ends.get(key, (until_s, wall_s + self._min_s))
+                ends[key] = until_s, wall_end_s
+        self._ends = ends
+
+    def adjust(self, wall_s: float) -> None:
+        """Set the limit so that what is left of each window lasts as long as its person still has."""
+        now_s = self._now_s()
+        limit, task_id = math.inf, None
+        for (number, _attempt, _state), (until_s, wall_end_s) in self._ends.items():
+            if wall_s < wall_end_s and now_s < until_s:
+                speed = max(1.0, MARGIN * (until_s - now_s) / (wall_end_s - wall_s))
+                if speed < limit:
+                    limit, task_id = speed, number
+        self.task_id = task_id if self._slows(limit) else None
+        same = math.isfinite(limit) and abs(limit - self.limit) < _CHANGED * limit
+        if not same:
+            self.limit = limit
+
+    def _slows(self, limit: float) -> bool:
+        clock = self._site.clock
+        return limit < max(speed or math.inf for speed in (clock.speed, clock.idle_speed))
+
+
+class PeoplesTime:
+    """Asks the index what people have to do, and limits the clock's speed by it."""
+
+    def __init__(self, bus: Bus, site: Site, now_s: Callable[[], float]) -> None:
+        self._bus = bus
+        self._site = site
+        self.windows = Windows(site, now_s)
         self._asked = False
         self._lock = threading.Lock()
         self._heard = 0
@@ -76,16 +120,11 @@ class PeoplesTime:
         self._warned = False
         self.on_answer: Callable[[], object] = lambda: None
         """Called when the clock need not stand any more."""
-        self.limit = math.inf
-        """Limit of the clock's speed, seconds of site time per second of wall time."""
-        self.task_id: int | None = None
-        """The task whose person has the least time for it, where that limits the speed."""
         self._wake = threading.Event()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        if self._min_s > 0 and runs_fast(site):
-            self.limit = 1.0 if site.participants else math.inf
-            self._kinds = kinds_of(site)
+        if self.windows.slow:
+            self.windows.limit = 1.0 if site.participants else math.inf
             # In the receiving thread: before the bridge, which publishes it first, lets go of the clock.
             self._events = bus.subscribe_bytes(
                 topics.EVENT.pattern(org=site.org), self._on_event, inline=True
@@ -102,7 +141,7 @@ class PeoplesTime:
 
     def speed(self, wanted: float) -> float:
         """The speed that the clock may have; 0, as fast as the machine can, is a speed, too."""
-        limit = min(self.limit, 1.0) if self._may_be_at_work else self.limit
+        limit = min(self.windows.limit, 1.0) if self._may_be_at_work else self.windows.limit
         return limit if limit < (wanted or math.inf) else wanted
 
     @property
@@ -123,9 +162,9 @@ class PeoplesTime:
 
     def activity(self, text: str) -> str:
         """`text`, with why the clock is slow where it is."""
-        if self.task_id is not None:
-            return f"{text}; slowly, because a person has task {self.task_id}"
-        if (not self._asked and self.limit == 1.0) or self._may_be_at_work:
+        if self.windows.task_id is not None:
+            return f"{text}; slowly, because a person has task {self.windows.task_id}"
+        if (not self._asked and self.windows.limit == 1.0) or self._may_be_at_work:
             return f"{text}; slowly, because the bridge has not yet reported whether a person has a task"
         return text
 
@@ -150,9 +189,9 @@ class PeoplesTime:
                 answered = False
             else:
                 answered = self._asked = True
-                self.take(tasks, time.monotonic())
+                self.windows.take(tasks, time.monotonic())
             if self._asked:
-                self.adjust(time.monotonic())
+                self.windows.adjust(time.monotonic())
             if answered:
                 # Not before the limit is set.
                 self._let_go(heard)
@@ -191,35 +230,6 @@ class PeoplesTime:
 
     def _answer(self, query: Query[A], **parameters: Any) -> A:
         return queries.ask(self._bus, self._site.org, query, timeout_s=_QUERY_S, **parameters)
-
-    def take(self, tasks: Iterable[Task], wall_s: float) -> None:
-        """Remember what people have to do, from when it was first heard of (monotonic wall time)."""
-        ends: dict[Key, tuple[float, float]] = {}
-        for task in tasks:
-            until_s = deadline_s(task, self._kinds)
-            if until_s is not None:
-                key = task.id, task.attempt, _waiting(task)
-                _, wall_end_s = self._ends.get(key, (until_s, wall_s + self._min_s))
-                ends[key] = until_s, wall_end_s
-        self._ends = ends
-
-    def adjust(self, wall_s: float) -> None:
-        """Set the limit so that what is left of each window lasts as long as its person still has."""
-        now_s = self._now_s()
-        limit, task_id = math.inf, None
-        for (number, _attempt, _state), (until_s, wall_end_s) in self._ends.items():
-            if wall_s < wall_end_s and now_s < until_s:
-                speed = max(1.0, MARGIN * (until_s - now_s) / (wall_end_s - wall_s))
-                if speed < limit:
-                    limit, task_id = speed, number
-        self.task_id = task_id if self._slows(limit) else None
-        same = math.isfinite(limit) and abs(limit - self.limit) < _CHANGED * limit
-        if not same:
-            self.limit = limit
-
-    def _slows(self, limit: float) -> bool:
-        clock = self._site.clock
-        return limit < max(speed or math.inf for speed in (clock.speed, clock.idle_speed))
 
 
 def _waiting(task: Task) -> str:

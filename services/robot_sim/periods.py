@@ -28,8 +28,8 @@ class Periods:
             data.qpos, data.qvel, data.qfrc_actuator, data.xpos, data.xquat, data.xmat
         )  # fmt: skip
         self._rows = [np.empty((_MOST, *source.shape)) for source in self._sources]
-        self._captured = list(simulation.captured)
-        self._tracked = np.array(list(simulation.captured.values()), int)
+        self._captured = list(simulation.things.captured)
+        self._tracked = np.array(list(simulation.things.captured.values()), int)
 
     @property
     def full(self) -> bool:

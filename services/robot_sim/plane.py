@@ -69,9 +69,9 @@ class BinPlane:
 
     def publish(self) -> None:
         seen, add = self._simulation, self._loop.publish_queue.add
-        now_ns, presence_m = seen.time_ns, seen.presence_m(self._name)
+        now_ns, presence_m = seen.time_ns, seen.things.presence_m(self._name)
         add(self._presence.publish_cdr, self._presence_cdr.encode(now_ns, presence_m), now_ns)
-        weights_n = {name: seen.weight_n(self._name, name) for name in self._loads}
+        weights_n = {name: seen.things.weight_n(self._name, name) for name in self._loads}
         for name, (scale, load) in self._loads.items():
             weight = messages.LOAD_Z, (weights_n[name],)
             add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
@@ -143,7 +143,7 @@ class LabPlane:
         self._mocap = mocap
         self._mocap_poses = {
             body: publisher(topics.MOCAP_POSE, body=body)
-            for body in (self._simulation.captured if site.lab.mocap else ())
+            for body in (self._simulation.things.captured if site.lab.mocap else ())
             if "/" not in body  # of a gripper only what is signed is of use
         }
         self._pose = messages.pose_template()

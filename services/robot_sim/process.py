@@ -161,7 +161,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 process.bus,
                 site,
                 process.data_dir / "mocap",
-                list(simulation.captured),
+                list(simulation.things.captured),
                 simulation.now_ns,
             )
             if not keeps_wall_time and site.clock.holders:

@@ -1,6 +1,7 @@
 """The simulated world: physics, drivers, battery and dock, one control period at a time. Knows no bus."""
 
 import math
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
@@ -182,6 +183,54 @@ class SimRobot:
         self.arm.hold(self.body.arm_setpoint)
 
 
+class Things:
+    """Items, bins and robots of the lab, as they stand in `model` and `data`."""
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, site: Site, robots: Mapping[str, SimRobot]
+    ) -> None:
+        self._model, self._data = model, data
+        self._bins = [BinLayout(bin_) for bin_ in site.bins]
+        self._presence = {one.name: model.site(f"{one.name}/presence").id for one in site.bins}
+        self.items = {item.id: model.body(item.id).id for item in site.items}
+        """Name -> MuJoCo's number of the body."""
+        self.captured = self.items | {
+            robot.name: model.body(f"{robot.name}/base_link" if robot.name in robots else robot.name).id
+            for robot in sorted(site.robots, key=lambda one: one.name not in robots)
+        }
+        """What the motion capture tracks, of a gripper the body that carries the fingers."""
+        if site.lab.mocap_gripper:
+            for name, robot in robots.items():
+                hand = robot.body.arm_model.hand
+                self.captured[gripper_body(name)] = model.body(f"{name}/{hand}").id
+
+    def weight_n(self, bin_name: str, compartment: str) -> float:
+        """What the scale under a compartment shows."""
+        return scale_weight_n(self._model, self._data, bin_name, compartment)
+
+    def presence_m(self, bin_name: str) -> float:
+        """Distance from the bin's camera to the first thing in front of it; infinite beyond 2 m."""
+        sensor = self._presence[bin_name]
+        eye = self._data.site_xpos[sensor]
+        beam = self._data.site_xmat[sensor].reshape(3, 3)[:, 2].copy()
+        distance_m = mujoco.mj_ray(self._model, self._data, eye, beam, None, True, -1, None)
+        return distance_m if 0 <= distance_m <= _PRESENCE_MAX_M else math.inf
+
+    def item_pose(self, item: str) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) in m and quaternion (4,) w, x, y, z, in the map frame."""
+        body = self.items[item]
+        return self._data.xpos[body], self._data.xquat[body]
+
+    def on_floor(self) -> list[tuple[float, float]]:
+        """Where items lie that a base has to drive around."""
+        places = (self._data.xpos[body] for body in self.items.values())
+        return [
+            (float(x), float(y))
+            for x, y, z in places
+            if z < _ON_FLOOR_M and not any(_is_at(layout, x, y) for layout in self._bins)
+        ]
+
+
 class Simulation:
     """The site's lab, alive.
 
@@ -211,23 +260,8 @@ class Simulation:
         self.steps = Steps(self.model, self.data, list(self.robots), items, lambda: self._gripping)
         self.map = Map.of(site)
         self.supplies = {dock.name: Supply(dock) for dock in site.docks}
-        self._bins = [BinLayout(bin_) for bin_ in site.bins]
-        self._presence = {one.name: self.model.site(f"{one.name}/presence").id for one in site.bins}
-        self._items = {item.id: self.model.body(item.id).id for item in site.items}
-        self.captured = {
-            **self._items,
-            **{robot.name: self.model.body(f"{robot.name}/base_link").id for robot in bodies},
-            **{robot.name: self.model.body(robot.name).id for robot in elsewhere},
-        }
-        if site.lab.mocap_gripper:
-            self.captured |= {gripper_body(name): self._hand(robot) for name, robot in self.robots.items()}
-        """What the motion capture tracks: names and MuJoCo's numbers of bodies."""
-        self._state_size = mujoco.mj_stateSize(self.model, _MJ_STATE)
-        self._row = np.empty(self._state_size + len(self._extras()))
-
-    def _hand(self, robot: SimRobot) -> int:
-        """The body that carries the fingers."""
-        return int(self.model.body(f"{robot.config.name}/{robot.body.arm_model.hand}").id)
+        self.things = Things(self.model, self.data, site, self.robots)
+        self._row = np.empty(mujoco.mj_stateSize(self.model, _MJ_STATE) + len(self._extras()))
 
     @property
     def time_s(self) -> float:
@@ -324,23 +358,6 @@ class Simulation:
                 return robot
         return None
 
-    def weight_n(self, bin_name: str, compartment: str) -> float:
-        """What the scale under a compartment shows."""
-        return scale_weight_n(self.model, self.data, bin_name, compartment)
-
-    def presence_m(self, bin_name: str) -> float:
-        """Distance from the bin's camera to the first thing in front of it; infinite beyond 2 m."""
-        sensor = self._presence[bin_name]
-        eye = self.data.site_xpos[sensor]
-        beam = self.data.site_xmat[sensor].reshape(3, 3)[:, 2].copy()
-        distance_m = mujoco.mj_ray(self.model, self.data, eye, beam, None, True, -1, None)
-        return distance_m if 0 <= distance_m <= _PRESENCE_MAX_M else math.inf
-
-    def item_pose(self, item: str) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) in m and quaternion (4,) w, x, y, z, in the map frame."""
-        body = self._items[item]
-        return self.data.xpos[body], self.data.xquat[body]
-
     def lab_frames(self) -> list[Transform]:
         return lab_frames(
             self.model, [bin_.name for bin_ in self.site.bins] + [dock.name for dock in self.site.docks]
@@ -357,15 +374,6 @@ class Simulation:
         self.steps.look_again()
         self._to_settle = _SETTLE_PERIODS
 
-    def items_on_floor(self) -> list[tuple[float, float]]:
-        """Where items lie that a base has to drive around."""
-        places = (self.data.xpos[body] for body in self._items.values())
-        return [
-            (float(x), float(y))
-            for x, y, z in places
-            if z < _ON_FLOOR_M and not any(_is_at(layout, x, y) for layout in self._bins)
-        ]
-
     # -- survival ----------------------------------------------------------------------------------
 
     @property
@@ -374,14 +382,15 @@ class Simulation:
 
     def row(self) -> np.ndarray:
         """Everything that changes, for `restore`."""
-        mujoco.mj_getState(self.model, self.data, self._row[: self._state_size], _MJ_STATE)
-        self._row[self._state_size :] = self._extras()
+        size = mujoco.mj_stateSize(self.model, _MJ_STATE)
+        mujoco.mj_getState(self.model, self.data, self._row[:size], _MJ_STATE)
+        self._row[size:] = self._extras()
         return self._row.copy()
 
     def restore(self, time_ns: int, row: np.ndarray) -> None:
         """Continue from a saved row. Motion that was under way is not resumed: the base stops, the arm
         holds."""
-        size = self._state_size
+        size = mujoco.mj_stateSize(self.model, _MJ_STATE)
         self.time_ns = time_ns
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)
         self.entities.settle(self.model, self.data)

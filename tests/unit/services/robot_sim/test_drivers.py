@@ -45,7 +45,7 @@ def run_for(simulation: Simulation, seconds: float) -> None:
 
 
 def drive(simulation: Simulation, robot: SimRobot, goal: Pose2) -> Drive:
-    lab = Map.of(simulation.site).with_items(simulation.items_on_floor())
+    lab = Map.of(simulation.site).with_items(simulation.things.on_floor())
     under_way = Drive(plan(lab, robot.body.pose, goal), lambda: False)
     robot.base.follow(under_way)
     run_until(simulation, under_way.finished, 90.0)

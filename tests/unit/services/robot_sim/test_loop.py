@@ -180,13 +180,13 @@ def test_a_person_gets_the_least_wall_time_however_the_clock_would_skip(
     loop.holders = Resting([NEVER_NS])  # type: ignore[assignment]
     seen = TellsTheEnd(world, round((START_S + window_s) * 1e9))
     begun_s = time.monotonic()
-    held.take([task(window_s=window_s)], begun_s)
-    held.adjust(begun_s)
+    held.windows.take([task(window_s=window_s)], begun_s)
+    held.windows.adjust(begun_s)
     thread = threading.Thread(target=loop.run, args=(seen,))
     thread.start()
     while seen.ended_s is None:
         threading.Event().wait(0.1)
-        held.adjust(time.monotonic())
+        held.windows.adjust(time.monotonic())
     stop.set()
     thread.join()
     held.close()
@@ -373,4 +373,4 @@ def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert not loop._turns
+    assert not loop._turns.hold

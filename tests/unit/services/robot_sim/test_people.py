@@ -113,8 +113,8 @@ def lasts_s(clock: Clock, held: PeoplesTime, wanted: float, window_s: float, lat
     clock.site_s = START_S + late_s
     begun_s = clock.wall_s
     while clock.site_s < START_S + window_s:
-        held.take([task(window_s=window_s)], clock.wall_s)
-        held.adjust(clock.wall_s)
+        held.windows.take([task(window_s=window_s)], clock.wall_s)
+        held.windows.adjust(clock.wall_s)
         clock.site_s += 2.0 * (held.speed(wanted) or 1000.0)
         clock.wall_s += 2.0
     return clock.wall_s - begun_s
@@ -126,7 +126,7 @@ def test_a_persons_window_lasts_an_hour_on_the_wall_however_fast_the_clock_would
     held = people(clock)
     try:
         assert HOUR_S <= lasts_s(clock, held, wanted, 2 * HOUR_S) < 1.1 * HOUR_S
-        assert held.task_id is None or held.limit < 10
+        assert held.windows.task_id is None or held.windows.limit < 10
     finally:
         held.close()
 
@@ -142,7 +142,7 @@ def test_a_window_that_is_shorter_than_the_hour_runs_in_real_time() -> None:
     clock = Clock()
     held = people(clock)
     assert lasts_s(clock, held, 400, 600.0) >= 600.0
-    assert held.limit == 1.0
+    assert held.windows.limit == 1.0
     held.close()
 
 
@@ -165,13 +165,13 @@ def test_the_clock_is_slow_for_those_who_work_and_those_who_judge_and_for_no_mac
     clock = Clock()
     held = people(clock)
     one = task(state, kind).model_copy(update={"judge": "oracle"} | known)
-    held.take([one], clock.wall_s)
-    held.adjust(clock.wall_s)
+    held.windows.take([one], clock.wall_s)
+    held.windows.adjust(clock.wall_s)
     assert (held.speed(400) < 10) == slow
     assert held.activity("simulating").startswith("simulating; slowly, because a person has task") == slow
     # Handed in or judged, the clock is free again.
-    held.take([], clock.wall_s)
-    held.adjust(clock.wall_s)
+    held.windows.take([], clock.wall_s)
+    held.windows.adjust(clock.wall_s)
     assert held.speed(400) == 400
     assert held.activity("simulating") == "simulating"
     held.close()
@@ -180,13 +180,13 @@ def test_the_clock_is_slow_for_those_who_work_and_those_who_judge_and_for_no_mac
 def test_a_person_who_has_yet_to_accept_has_time_for_that_and_then_for_the_work() -> None:
     clock = Clock()
     held = people(clock)
-    held.take([task(window_s=24 * HOUR_S, accepted=False)], clock.wall_s)
-    held.adjust(clock.wall_s)
+    held.windows.take([task(window_s=24 * HOUR_S, accepted=False)], clock.wall_s)
+    held.windows.adjust(clock.wall_s)
     assert held.speed(400) == 1.0  # for the half hour of its grace period
     clock.wall_s += 1800
     clock.site_s += 1800
-    held.take([task(window_s=24 * HOUR_S)], clock.wall_s)
-    held.adjust(clock.wall_s)
+    held.windows.take([task(window_s=24 * HOUR_S)], clock.wall_s)
+    held.windows.adjust(clock.wall_s)
     assert 22 < held.speed(400) < 24  # an hour for the rest, from now on
     held.close()
 
@@ -195,9 +195,9 @@ def test_the_person_with_the_least_time_counts() -> None:
     clock = Clock()
     held = people(clock)
     urgent = task(window_s=1.5 * HOUR_S).model_copy(update={"id": 77})
-    held.take([task(window_s=24 * HOUR_S), urgent], clock.wall_s)
-    held.adjust(clock.wall_s)
-    assert held.task_id == 77
+    held.windows.take([task(window_s=24 * HOUR_S), urgent], clock.wall_s)
+    held.windows.adjust(clock.wall_s)
+    assert held.windows.task_id == 77
     assert 1.4 < held.speed(400) < 1.5
     held.close()
 
@@ -231,16 +231,16 @@ def test_judges_have_time_to_decide_about_a_challenge_and_each_instance_its_own(
         dispute = Dispute(instance=instance, challenger=challenger, until=until)
         return one.model_copy(update={"standing": standing, "dispute": dispute})
 
-    held.take([challenged(0, None)], clock.wall_s)
-    held.adjust(clock.wall_s)
-    assert math.isinf(held.limit)  # nobody has to challenge it
+    held.windows.take([challenged(0, None)], clock.wall_s)
+    held.windows.adjust(clock.wall_s)
+    assert math.isinf(held.windows.limit)  # nobody has to challenge it
     for instance in (0, 1):
-        held.take([challenged(instance)], clock.wall_s)
-        held.adjust(clock.wall_s)
-        assert held.limit == pytest.approx(97)
+        held.windows.take([challenged(instance)], clock.wall_s)
+        held.windows.adjust(clock.wall_s)
+        assert held.windows.limit == pytest.approx(97)
         clock.wall_s += HOUR_S
-        held.adjust(clock.wall_s)
-        assert math.isinf(held.limit)
+        held.windows.adjust(clock.wall_s)
+        assert math.isinf(held.windows.limit)
     held.close()
 
 
@@ -248,10 +248,10 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
     bus, tasks = SilentBus(), []
     bus.answer = answering(tasks)
     held = PeoplesTime(bus, lab(), lambda: START_S)  # type: ignore[arg-type]
-    wait_until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.windows.limit))
     tasks.append(task())
     bus.tell("rodeo/lab/event/Transfer", b"")
-    wait_until(lambda: held.limit < 3)
+    wait_until(lambda: held.windows.limit < 3)
     silent: list[str] = []
 
     def say_nothing(key: str) -> dict[str, Any]:
@@ -261,7 +261,7 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
     bus.answer = say_nothing
     bus.tell("rodeo/lab/event/Transfer", b"")
     wait_until(lambda: len(silent) >= 3)
-    assert held.limit < 3
+    assert held.windows.limit < 3
     held.close()
 
 
@@ -286,7 +286,7 @@ def bus() -> SilentBus:
 
 def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(bus: SilentBus) -> None:
     held, may_answer, limits = PeoplesTime(bus, lab(), lambda: START_S), threading.Event(), []  # type: ignore[arg-type]
-    wait_until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.windows.limit))
     answer = answering([task()])
 
     def late(key: str) -> dict[str, Any]:
@@ -294,7 +294,7 @@ def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(
         return answer(key)
 
     bus.answer = late
-    held.on_answer = lambda: limits.append(held.limit)
+    held.on_answer = lambda: limits.append(held.windows.limit)
     bus.tell("rodeo/lab/event/TaskSettled", b"")
     assert not held.stands  # it gives nobody anything to do
     bus.tell("rodeo/lab/event/TaskAssigned", b"")
@@ -307,7 +307,7 @@ def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(
 
 def test_what_is_assigned_while_the_index_is_asked_is_asked_about_once_more(bus: SilentBus) -> None:
     held, asked = PeoplesTime(bus, lab(), lambda: START_S), []  # type: ignore[arg-type]
-    wait_until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.windows.limit))
     empty, full = answering([]), answering([task()])
 
     def answer(key: str) -> dict[str, Any]:
@@ -320,7 +320,7 @@ def test_what_is_assigned_while_the_index_is_asked_is_asked_about_once_more(bus:
     bus.answer = answer
     bus.tell("rodeo/lab/event/TaskAssigned", b"")
     wait_until(lambda: not held.stands)
-    assert held.limit < 3
+    assert held.windows.limit < 3
     held.close()
 
 
@@ -335,7 +335,7 @@ def test_a_silent_bridge_does_not_stop_the_clock_and_is_named(
     monkeypatch.setattr(people_module, "STANDS_S", HOUR_S)
     site = lab(participants=participants)
     held = PeoplesTime(bus, site, lambda: START_S)  # type: ignore[arg-type]
-    wait_until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.windows.limit))
     bus.answer, answer = None, bus.answer
     bus.tell("rodeo/lab/event/TaskAssigned", b"")
     assert held.stands

@@ -167,11 +167,11 @@ def until_still(simulation: Simulation, periods: int = 500) -> None:
 
 def test_the_clock_does_not_jump_while_something_hangs_in_the_air(free: Simulation) -> None:
     until_still(free)
-    lying_m = free.item_pose("item1")[0][2]
+    lying_m = free.things.item_pose("item1")[0][2]
     free.place("item1", EntityState(np.array([2.0, 2.0, 1.0]), UPRIGHT))
     assert not free.still
     until_still(free)
-    assert free.item_pose("item1")[0][2] == pytest.approx(lying_m, abs=0.05)
+    assert free.things.item_pose("item1")[0][2] == pytest.approx(lying_m, abs=0.05)
 
 
 def test_what_hung_in_the_air_when_a_simulator_was_killed_falls_in_the_next(free: Simulation) -> None:
@@ -227,12 +227,14 @@ def test_a_robot_beside_the_dock_gets_nothing() -> None:
 
 def test_the_presence_sensor_sees_what_is_held_before_the_camera() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    assert simulation.presence_m("itrash") == math.inf
+    assert simulation.things.presence_m("itrash") == math.inf
     layout = BinLayout(simulation.site.bins[0])
     qpos = simulation.data.joint("item1").qpos
     qpos[:3] = layout.show_point
     simulation.step()
-    assert simulation.presence_m("itrash") == pytest.approx(simulation.site.bins[0].show_distance_m, abs=0.04)
+    assert simulation.things.presence_m("itrash") == pytest.approx(
+        simulation.site.bins[0].show_distance_m, abs=0.04
+    )
 
 
 def test_without_opengl_the_camera_shows_the_kind_of_thing_that_is_there() -> None:
@@ -245,12 +247,12 @@ def test_without_opengl_the_camera_shows_the_kind_of_thing_that_is_there() -> No
 
 def test_items_in_the_bin_are_not_in_the_way() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    assert len(simulation.items_on_floor()) == 3
+    assert len(simulation.things.on_floor()) == 3
     simulation.data.body("item1").xpos[:] = (
         *BinLayout(simulation.site.bins[0]).compartment("yellow")[:2],
         0.13,
     )
-    assert len(simulation.items_on_floor()) == 2
+    assert len(simulation.things.on_floor()) == 2
 
 
 def test_each_dock_charges_who_stands_on_it_and_each_bin_sees_what_it_is_shown() -> None:
@@ -263,8 +265,8 @@ def test_each_dock_charges_who_stands_on_it_and_each_bin_sees_what_it_is_shown()
     simulation.step()
     assert simulation.supplies["dock_east"].connected
     assert not simulation.supplies["dock_west"].connected
-    assert math.isfinite(simulation.presence_m("bin_east"))
-    assert not math.isfinite(simulation.presence_m("bin_north"))
+    assert math.isfinite(simulation.things.presence_m("bin_east"))
+    assert not math.isfinite(simulation.things.presence_m("bin_north"))
     again = Simulation(simulation.site, START_NS)
     again.restore(simulation.time_ns, simulation.row())
     assert all(supply.enabled for supply in again.supplies.values())

@@ -104,7 +104,7 @@ def test_all_that_is_measured_is_of_the_end_of_the_period(simulation: Simulation
 
 def test_what_is_put_somewhere_is_there_in_the_next_step(simulation: Simulation) -> None:
     level = np.array([1.0, 0.0, 0.0, 0.0])
-    floor_m = simulation.item_pose(HELD)[0].copy()
+    floor_m = simulation.things.item_pose(HELD)[0].copy()
     simulation.place(HELD, EntityState(floor_m + np.array([0.0, 0.0, 0.002]), level))
     simulation.step()
     while simulation.steps.width_s != WIDE_S:
@@ -183,7 +183,7 @@ def test_what_rests_in_a_hand_is_carried_by_steps_in_which_its_grip_is_as_stiff(
             one.step()
         # Now and then the way shakes the fingers.
         assert widths.count(width_s) > 0.9 * len(widths)
-        assert math.dist(one.item_pose(HELD)[0], hand_m(one)) < 0.02
+        assert math.dist(one.things.item_pose(HELD)[0], hand_m(one)) < 0.02
         gaps.append(robot.body.gripper_m)
     assert abs(gaps[0] - gaps[1]) < 2e-5
 

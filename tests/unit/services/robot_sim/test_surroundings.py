@@ -84,7 +84,7 @@ def test_an_item_that_is_put_somewhere_falls_to_the_floor_there(simulation: Simu
     simulation.place("item1", EntityState(np.array([3.0, 1.0, 0.5]), UPRIGHT))
     for _ in range(60):
         simulation.step()
-    position_m, _ = simulation.item_pose("item1")
+    position_m, _ = simulation.things.item_pose("item1")
     assert position_m[:2] == pytest.approx((3.0, 1.0), abs=0.05)
     assert 0.0 < position_m[2] < 0.1
 
@@ -119,9 +119,9 @@ def test_what_is_told_in_steps_and_late_is_seen_to_move_evenly() -> None:
 def test_a_time_of_another_clock_counts_as_now(simulation: Simulation) -> None:
     lifted = EntityState(np.array([3.0, 1.0, 0.5]), UPRIGHT, np.array([0.0, 0.0, 1.0]), time_ns=5)
     simulation.place("item1", lifted)
-    assert simulation.item_pose("item1")[0] == pytest.approx((3.0, 1.0, 0.5))
+    assert simulation.things.item_pose("item1")[0] == pytest.approx((3.0, 1.0, 0.5))
     simulation.step()
-    assert simulation.item_pose("item1")[0][2] > 0.51, "it flies on upwards"
+    assert simulation.things.item_pose("item1")[0][2] > 0.51, "it flies on upwards"
 
 
 def test_the_lidar_looks_again_at_what_was_put_somewhere_within_a_period(simulation: Simulation) -> None:
