@@ -86,6 +86,45 @@ class Trajectory:
         )
 
 
+class Solver:
+    """Inverse kinematics of a robot whose joints move, but for those that are not among `dofs`."""
+
+    def __init__(self, model: mujoco.MjModel, dofs: set[int]) -> None:
+        others = sorted(set(range(model.nv)) - dofs)
+        self._hold_others = mink.DofFreezingTask(model, dof_indices=others)
+        self._limit = mink.ConfigurationLimit(model)
+        # Kept from one solution to the next: making them costs more than solving.
+        self._configuration = mink.Configuration(model)
+        self._reach = mink.FrameTask(GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
+
+    def solve(self, target: GripperPose, start: Vector) -> tuple[Vector, Vector]:
+        """The model's positions nearest to the target that are found from `start`, and what is missing to it:
+        (6,) in m and rad."""
+        configuration, task = self._configuration, self._reach
+        configuration.update(start)
+        task.set_target(
+            mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(target.rotation), target.position_m)
+        )
+        error = task.compute_error(configuration)
+        for _ in range(_IK_STEPS):
+            velocity = mink.solve_ik(
+                configuration,
+                [task],
+                _IK_STEP_S,
+                solver="daqp",
+                damping=1e-4,
+                limits=[self._limit],
+                constraints=[self._hold_others],
+            )
+            configuration.integrate_inplace(velocity, _IK_STEP_S)
+            error = task.compute_error(configuration)
+            if np.linalg.norm(error[:3]) < _POSITION_TOLERANCE_M / 5 and (
+                np.linalg.norm(error[3:]) < _ANGLE_TOLERANCE_RAD / 5
+            ):
+                break
+        return configuration.q, error
+
+
 class Arm:
     """Kinematics of one robot's arm, as `kinematics` (MJCF or URDF, by default ours) describes it.
 
@@ -108,18 +147,12 @@ class Arm:
         self._data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in arm.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
-        self._dofs = np.array([joint.dofadr[0] for joint in joints])
         self.lower = np.array([joint.range[0] for joint in joints])
         self.upper = np.array([joint.range[1] for joint in joints])
         self._limit_rad_s = (1 - _ROUNDING) * limits.joint_rad_s
         self._site = self.model.site(GRASP_SITE).id
         self._camera = self.model.site(CAMERA_SITE).id
-        others = sorted(set(range(self.model.nv)) - set(self._dofs.tolist()))
-        self._hold_others = mink.DofFreezingTask(self.model, dof_indices=others)
-        self._limit = mink.ConfigurationLimit(self.model)
-        # Kept from one solution to the next: making them costs more than solving.
-        self._configuration = mink.Configuration(self.model)
-        self._reach = mink.FrameTask(GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
+        self._solver = Solver(self.model, {int(joint.dofadr[0]) for joint in joints})
         self._open_qpos = self.model.qpos0.copy()
         """The model's own posture with the fingers open."""
         for finger, side in zip(arm.fingers, (1, -1), strict=True):
@@ -179,30 +212,8 @@ class Arm:
 
     def _solve(self, target: GripperPose, seed: Vector) -> tuple[Vector, float, float]:
         self._place(np.clip(seed, self.lower + 1e-3, self.upper - 1e-3))
-        configuration, task = self._configuration, self._reach
-        configuration.update(self._data.qpos)
-        task.set_target(
-            mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(target.rotation), target.position_m)
-        )
-        error = task.compute_error(configuration)
-        for _ in range(_IK_STEPS):
-            velocity = mink.solve_ik(
-                configuration,
-                [task],
-                _IK_STEP_S,
-                solver="daqp",
-                damping=1e-4,
-                limits=[self._limit],
-                constraints=[self._hold_others],
-            )
-            configuration.integrate_inplace(velocity, _IK_STEP_S)
-            error = task.compute_error(configuration)
-            if np.linalg.norm(error[:3]) < _POSITION_TOLERANCE_M / 5 and (
-                np.linalg.norm(error[3:]) < _ANGLE_TOLERANCE_RAD / 5
-            ):
-                break
-        q = configuration.q[self._qpos].copy()
-        return q, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+        q, error = self._solver.solve(target, self._data.qpos)
+        return q[self._qpos].copy(), float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
 
     def line(self, start: Vector, target: GripperPose) -> Vector:
         """Knots (n, joints) that move the gripper from `start` to `target` along a straight line.

@@ -31,7 +31,6 @@ from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import Sighting, View
 from rodeo.robot.ros_body import NOTHING_HELD_M, OPEN_ENOUGH_M, RosBody, holds_something
 from rodeo.robot.wrist_camera import WristCamera
-from rodeo.site.config import Site
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +66,6 @@ class MobileManipulator:
 
     def __init__(
         self,
-        site: Site,
         body: RosBody,
         arm: Arm,
         camera: WristCamera,
@@ -78,8 +76,6 @@ class MobileManipulator:
         stop: threading.Event,
     ) -> None:
         """`chance` decides where the robot makes way; `stop` ends `wait`."""
-        self._docks = site.docks
-        self._has_others = len(site.robots) > 1
         self._body = body
         self._arm = arm
         self._camera = camera
@@ -108,7 +104,7 @@ class MobileManipulator:
                     failure = error
             if self._clock.now_s() >= give_up_s:
                 raise Blocked(failure.message, waited_s=patience_s, **failure.details) from failure
-            if self._has_others and self._chance.random() < _ASIDE_SHARE:
+            if self._floor.is_shared and self._chance.random() < _ASIDE_SHARE:
                 self.make_way()
             self.wait(_BLOCKED_S)
 
@@ -132,7 +128,7 @@ class MobileManipulator:
                 if attempt == _DOCKINGS:
                     raise
                 log.warning("could not dock: %s", error)
-                if self._has_others:
+                if self._floor.is_shared:
                     self.make_way()
                     continue
             if self.docked() == at:
@@ -144,7 +140,7 @@ class MobileManipulator:
     def docked(self) -> DockConfig | None:
         """The dock on whose contacts the robot stands."""
         base = self._body.base_pose()
-        return next((dock for dock in self._docks if on_contacts(dock, base)), None)
+        return next((dock for dock in self._floor.docks if on_contacts(dock, base)), None)
 
     def leave(self, parked: Pose2) -> None:
         for pose in self._floor.ways_out(parked, self._memory.lying()):

@@ -54,6 +54,9 @@ class Floor:
 
     def __init__(self, site: Site) -> None:
         self._size_m = site.lab.size_m
+        self.docks = site.docks
+        self.is_shared = len(site.robots) > 1
+        """Whether other robots drive on it."""
         self._obstacles = [
             *map(furniture_floor, site.lab.furniture),
             *(_bin_floor(BinLayout(one)) for one in site.bins),

@@ -61,6 +61,41 @@ MAX_STATEMENTS = 200
 """In one answer."""
 
 
+class SignatureChecks:
+    """Checks signatures of other devices, as many as each of them may cost. Seals and statements come in
+    threads of their own.
+    """
+
+    def __init__(self) -> None:
+        self.budget, self.repeats = CheckBudget(_CHECKS_PER_WALL_S), CheckBudget(_REPEATS_PER_WALL_S)
+        self.newest: dict[str, Head] = {}
+        """Registered address -> its newest statement that was heard."""
+        self._bad: dict[tuple[str, str], None] = {}
+        """Digest and signature of what was found forged last, the newest last."""
+        self._lock = threading.Lock()
+
+    def genuine(self, spoken: Spoken, name: str, source: str) -> bool:
+        """Whether its signature is genuine; False also where its key has used up its checks.
+
+        Raises BadAttestation.
+        """
+        claim = spoken.head.digest, spoken.attestation.signature
+        with self._lock:
+            if claim in self._bad or not self.budget.take(name, source):
+                HEADS_REFUSED.inc()
+                return False
+            try:
+                verify_attestation(spoken.attestation)
+            except BadAttestation:
+                self._bad[claim] = None
+                if len(self._bad) > _MOST_BAD:
+                    del self._bad[next(iter(self._bad))]
+                self.budget.checked(name, source, genuine=False)
+                raise
+            self.budget.checked(name, source, genuine=True)
+            return True
+
+
 class Witness:
     """Make it, then sign with `chain` and `publish` what it returned. Thread-safe.
 
@@ -94,14 +129,7 @@ class Witness:
         self.days = Days(folder / "days", self._journal)
         self._chain: WitnessChain | None = None
         self.devices = DeviceTable(bus, org)
-        self._checking = threading.Lock()
-        """Seals and statements come in threads of their own."""
-        self._checks = CheckBudget(_CHECKS_PER_WALL_S)
-        self._repeats = CheckBudget(_REPEATS_PER_WALL_S)
-        self._bad: dict[tuple[str, str], None] = {}
-        """Digest and signature of what was found forged last, the newest last."""
-        self._newest: dict[str, Head] = {}
-        """Registered address -> its newest statement that was heard."""
+        self.checks = SignatureChecks()
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
             # In the receiving thread: a robot lets the time go on when its recording's first head is told. It
@@ -183,7 +211,7 @@ class Witness:
                 raise BadStatement("it was sealed at a time to come", device=name, time_ns=seal.time_ns)
             self.heads.forget_after(device.address, latest_ns)
             head = seal.spoken.head
-            if self.heads.is_news(head, seal.time_ns) and self._is_genuine(seal.spoken, name, source):
+            if self.heads.is_news(head, seal.time_ns) and self.checks.genuine(seal.spoken, name, source):
                 self.heads.hear(head, seal.time_ns)
         except (BadAttestation, BadStatement, ClockUnavailable) as error:
             # A line in the log for each would be what a flood is after.
@@ -197,15 +225,15 @@ class Witness:
                 return
             spoken = unverified_statement(decode_json(payload))
             device, head = self._sender(name, spoken), spoken.head
-            newest = self._newest.get(device.address)
+            newest = self.checks.newest.get(device.address)
             if newest is not None and head.index < newest.index:
                 return  # anybody may say it again; what its device stated since stands
             if newest is not None and (head.index, head.digest) == (newest.index, newest.digest):
                 # Said again: it was checked before, and its device may say it every second.
-                if not self._repeats.take(name, source):
+                if not self.checks.repeats.take(name, source):
                     return
-            elif self._is_genuine(spoken, name, source):
-                self._newest[device.address] = head
+            elif self.checks.genuine(spoken, name, source):
+                self.checks.newest[device.address] = head
                 self.heads.hear(head)
             else:
                 return
@@ -241,27 +269,6 @@ class Witness:
         if chain is not None and not spoken.made_for(chain.scope):
             raise BadStatement("it names another organization", device=name)
         return device
-
-    def _is_genuine(self, spoken: Spoken, name: str, source: str) -> bool:
-        """Whether its signature is genuine; False also where its key has used up its checks.
-
-        Raises BadAttestation.
-        """
-        claim = spoken.head.digest, spoken.attestation.signature
-        with self._checking:
-            if claim in self._bad or not self._checks.take(name, source):
-                HEADS_REFUSED.inc()
-                return False
-            try:
-                verify_attestation(spoken.attestation)
-            except BadAttestation:
-                self._bad[claim] = None
-                if len(self._bad) > _MOST_BAD:
-                    del self._bad[next(iter(self._bad))]
-                self._checks.checked(name, source, genuine=False)
-                raise
-            self._checks.checked(name, source, genuine=True)
-            return True
 
     def _serve(self, request: Request) -> dict[str, Any]:
         after, limit = (_count(request.parameters, name) for name in ("after", "limit"))

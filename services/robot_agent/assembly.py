@@ -62,7 +62,7 @@ class _Parts(RobotDevice):
         arm = Arm(robot.limits, robot.kinematics, robot.postures)
         camera = WristCamera(self.make_node, robot, body, arm, clock)
         stop = self.process.stop
-        hands = MobileManipulator(site, body, arm, camera, floor, memory, clock, chance, stop)
+        hands = MobileManipulator(body, arm, camera, floor, memory, clock, chance, stop)
         return Machine(robot, body, hands, floor, memory, interrupts, chance)
 
     def make_skills(self, machine: Machine, bins: dict[str, SmartBin], upkeep: Upkeep) -> Skills:

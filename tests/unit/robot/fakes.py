@@ -275,7 +275,7 @@ def manipulator(site: Site, body: KinematicBody, camera: RayCamera, memory: Memo
     eyes: Any = camera
     arm = Arm(site.robots[0].limits)
     chance = np.random.default_rng(1)
-    return MobileManipulator(site, ros, arm, eyes, Floor(site), memory, body.clock, chance, threading.Event())
+    return MobileManipulator(ros, arm, eyes, Floor(site), memory, body.clock, chance, threading.Event())
 
 
 @lru_cache(maxsize=8)

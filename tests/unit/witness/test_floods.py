@@ -57,7 +57,7 @@ class Bench:
         monkeypatch.setattr(witness_module, "verify_attestation", counted)
         now_ns: Callable[[], int] = lambda: round(self.time_s * 1e9)  # noqa: E731
         self.witness = Witness(bus, "lab", "mocap", MOCAP, folder, "sensor", now_ns)  # type: ignore[arg-type]
-        self.witness._checks = CheckBudget(100.0, lambda: self.time_s)
+        self.witness.checks.budget = CheckBudget(100.0, lambda: self.time_s)
         wait_until(lambda: self.witness.chain is not None and self.witness.devices.answered)
 
     def hear(self, data: bytes, device: str = VICTIM, source: str = OWN_SESSION) -> None:
