@@ -28,7 +28,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure() -> None:
     """Whatever starts the tests in the background has SIGINT ignored, and children inherit that: a test that
-    interrupts a process as Ctrl-C does would wait for ever."""
+    interrupts a process as Ctrl-C does would wait indefinitely."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

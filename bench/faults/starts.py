@@ -104,7 +104,7 @@ def other_chain_on_the_port(lab: Lab) -> Iterator[None]:
     lab.wait_said(r"4242")
     said = lab.said()
     need("31337" in said, "the id that the site expects is not said")
-    need("run python -m deploy.contracts" not in said, "it is told to deploy on the stranger's chain")
+    need("run python -m deploy.contracts" not in said, "it asks to deploy on the stranger's chain")
     status, output = lab.program("deploy.contracts", "--site", str(lab.sites["bridge"]))
     need(status != 0 and "4242" in output, f"deployed on a stranger's chain: {output[-300:]}")
     yield

@@ -96,7 +96,7 @@ contract TaskQueues is ITaskQueues {
             failed = chosen == NO_TASK;
             if (!failed) (taskId, queue) = (chosen, itsQueue);
         }
-        // An older one that names the service, or its provider, goes first, so that no policy lets it wait for ever.
+        // An older one that names the service, or its provider, goes first, so that no policy lets it wait indefinitely.
         uint160 named = free.named;
         while (named != 0) {
             uint256 itsQueue = queueOf(free.kindId, named, false);

@@ -431,7 +431,7 @@ contract CommitteeJudgeTest is Committee {
         emit ICommitteeJudge.JudgeKeyChanged(0, judges[0], fresh);
         changeKey(judges[0], judges[0], fresh, key);
         assertEq(committee.keyOf(0), fresh);
-        assertEq(committee.seatOf(fresh).owner, judges[0]); // who owned it goes on to
+        assertEq(committee.seatOf(fresh).owner, judges[0]); // its owner continues to
         assertEq(committee.seatOf(judges[0]).owner, address(0));
         _refused(vote, old, _notAJudge(judges[0]));
         judgeKeys[0] = key;

@@ -19,7 +19,7 @@ import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
 import {StubPolicy, Way} from "./StubPolicies.sol";
 
-/// @notice A judge that says whatever terms it is told to, and uses as much gas.
+/// @notice A judge that answers with the terms that the test set, and uses as much gas.
 contract StubJudge {
     bytes4 private _magic;
     uint32 private _window;

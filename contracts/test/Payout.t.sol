@@ -262,7 +262,7 @@ contract PayoutTest is Fixture {
         attempt(post(alice, 100 ether), true);
         assertEq(tasks.pendingPayments(safe), 80 ether);
         assertEq(tasks.pendingPayments(robot1), 0);
-        // It is refused for ever: it names another one for itself.
+        // It is always refused: it names another one for itself.
         _name(safe, safe, bob);
         tasks.withdrawPayments(safe);
         assertEq(token.balanceOf(bob), 80 ether);

@@ -504,7 +504,7 @@ contract RulingsTest is Fixture {
         }
     }
 
-    /// @dev It loops for ever, or answers with what is no answer.
+    /// @dev It loops without end, or answers with what is no answer.
     function test_aRemovedJudgeHoldsUpNoAuditor() public {
         Finding memory f = _passOnAndRemove();
         bytes[2] memory codes = [bytes(hex"5b600056"), hex"600260005260206000f3"];

@@ -12,7 +12,7 @@ import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
-/// @notice A token that misbehaves as it is told.
+/// @notice A token that misbehaves as the test says.
 contract WeirdToken is ERC20("Weird", "WRD") {
     enum Way {
         Well,

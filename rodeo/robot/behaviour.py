@@ -151,7 +151,7 @@ class Behaviour(ABC):
         return None
 
     def finish(self, done: Irrevocable, work: Work) -> None:
-        """Do what is left after `done`, in the recording that goes on. Raises TaskFailed."""
+        """Do what is left after `done`, in the recording that continues. Raises TaskFailed."""
         raise NotImplementedError("a behaviour whose work cannot be repeated must define how to finish it")
 
     def tidy(self) -> None:

@@ -44,7 +44,7 @@ _WITNESS_S = 20.0
 """Motion capture lists heads every two seconds and shows a resting item every ten, however slow the clock
 (`Patience`)."""
 _MOST_EARLY = 1000
-"""Statements of a downtime that the recording which goes on takes up."""
+"""Statements of a downtime that the recording which continues takes up."""
 _LOOK_S = 0.5
 """Site time between two looks for what the site tells, which it does at whole seconds. The clock stands still
 for each look."""
@@ -186,12 +186,12 @@ class Recording:
         """Bodies that motion capture showed since the recording began."""
         self._resumes = path.exists()
         self._early: list[Heard] = []
-        """Stated while nothing was recorded, and heard before the file that goes on is open."""
+        """Stated while nothing was recorded, and heard before the file that continues is open."""
         self._refusals = Refusals()
         slack_s = stamp_slack_s(site.clock.speed)
         recorded = list(recorded_topics(site, robot.name, records))
         for topic, name in recorded:
-            # Inline: what is sent before the time goes on has then been taken.
+            # Inline: what is sent before the time continues has then been taken.
             writer = self._writer(topic, name, MessageDoor(topic, slack_s))
             node.raw_subscription(name, topic.type, writer, inline=True)
         self._listener = self._listen(robot, slack_s, path)

@@ -1,7 +1,7 @@
 """A device's log of a day: the digests of what it signed. A statement of that day stands in it, or does not.
 
-The log is itself signed by the device and stored by content; the SHA-256 of the file is the root that goes on
-chain. So whoever has root and file knows that neither has changed since, and whose they are.
+The log is itself signed by the device and stored by content; the SHA-256 of the file is the root that is put
+on chain. So whoever has root and file knows that neither has changed since, and whose they are.
 """
 
 from __future__ import annotations

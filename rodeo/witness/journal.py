@@ -26,7 +26,7 @@ class Journal:
     """The attestations of one device, in the order of their `seq`. One thread at a time.
 
     Raises BrokenJournal when the file cannot be read: to go on would sign one number twice. A last line that
-    was cut off by a power cut was never published, because a statement is written before it is told.
+    was cut off by a power cut was never published, because a statement is written before it is published.
     """
 
     def __init__(self, path: Path) -> None:

@@ -132,8 +132,9 @@ class Witness:
         self.checks = SignatureChecks()
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
-            # In the receiving thread: a robot lets the time go on when its recording's first head is told. It
-            # must have been heard then, for the next statement to list it however busy the machine is.
+            # In the receiving thread: a robot lets the time continue when its recording's first head is
+            # published. It must have been heard then, for the next statement to list it however busy the
+            # machine is.
             bus.subscribe_with_source(topics.SEAL.pattern(org=org), self._on_seal, inline=True),
             bus.subscribe_with_source(topics.WITNESS_STATEMENT.pattern(org=org), self._on_statement),
             bus.serve(topics.WITNESS_STATEMENTS.name(org=org, device=device), self._serve),

@@ -47,7 +47,7 @@ class Aftermath:
         while (now_s := self.clock.now_s()) < until_s:
             self.wait(min(until_s - now_s, _LOOK_AROUND_S))
         # Whoever pulled the plug of motion capture is at fault only if it is seen to speak again, or if the
-        # bin missed it: then the robot need not wait for ever.
+        # bin missed it: then the robot need not wait indefinitely.
         latest_s = until_s + SPEAKS_AGAIN_S
         if self.task.execution_deadline is not None:
             latest_s = min(latest_s, self.task.execution_deadline - SUBMITTED_S)

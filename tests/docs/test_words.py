@@ -10,14 +10,7 @@ from tools.shape import ROOT, STAND_INS, documented, python_files
 ROUNDABOUT = re.compile(r"\b(for ever|goes on(?! (?:chain|record|under))|is told)\b")
 """Words where indefinitely, continues, or a verb that says what happens is meant."""
 BEGINNINGS_LEFT: dict[str, int] = {}
-ROUNDABOUT_LEFT = {
-    "bench": 1,
-    "rodeo/checks": 2,
-    "rodeo/robot": 4,
-    "rodeo/witness": 3,
-    "rodeo_kinds": 3,
-    "tests": 37,
-}
+ROUNDABOUT_LEFT: dict[str, int] = {}
 
 
 def _room(path: str) -> str:

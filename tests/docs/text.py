@@ -56,7 +56,7 @@ class Command:
     page: str
     line: int
     text: str
-    """As it is written, without the comment behind it and joined where it goes on below."""
+    """As it is written, without the comment behind it and joined where it continues below."""
 
     @property
     def words(self) -> list[str]:

@@ -24,7 +24,7 @@ STEP_S = 0.02
 LATE_S = 0.03
 """Behind the lab's clock by more than this it slows down, to a stand if need be."""
 PACE_PER_STEP = 0.1
-"""How fast it slows down and goes on: what it holds must not feel a jerk."""
+"""How fast it slows down and speeds up again: what it holds must not feel a jerk."""
 ARM = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
 FINGERS = ("left_finger", "right_finger")
 WHEELS = ("fl_wheel_joint", "fr_wheel_joint", "rl_wheel_joint", "rr_wheel_joint")

@@ -239,7 +239,7 @@ def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     said = records(proof)
     assert [one.page for one in said] == list(range(1, len(said) + 1))
     register_wh = [said[0].begin_wh, *(one.register_wh for one in said)]
-    assert register_wh == sorted(register_wh), "the register goes on where it stood when the charger died"
+    assert register_wh == sorted(register_wh), "the register continues where it stood when the charger died"
     times = readings(proof)
     gap_s = max(after - before for before, after in pairwise(times))
     assert gap_s >= 2.0, "readings are a second apart: one is missing at least"

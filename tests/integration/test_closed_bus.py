@@ -1,4 +1,4 @@
-"""The bus as it is by default, and as it is when it was opened by choice: who can reach it, who is told."""
+"""The bus as it is by default, and opened by choice: who can reach it, and who receives what."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
 
 
 class Clock:
-    """The site's time goes on with each test."""
+    """The site's time advances with each test."""
 
     now_s = 2_000_000_000.0
 

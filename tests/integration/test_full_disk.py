@@ -1,4 +1,4 @@
-"""A whole site on a disk of its own that fills up: nothing ends, everything says so and goes on by itself.
+"""A whole site on a disk of its own that fills up: nothing ends, everything says so and continues by itself.
 
 The disk is a tmpfs, where that may be mounted. In tests/unit/test_disk.py the largest file that a process may
 write stands in for it.

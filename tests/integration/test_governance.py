@@ -108,7 +108,7 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
     for number in ("1", "2", "3"):
         for member, support in (("alice", "for"), ("panther1", "for"), ("bob", "against")):
             rodeo(dao, "vote", number, support, "--as", member)
-    rodeo(dao, "queue", "1", status=1)  # the vote goes on
+    rodeo(dao, "queue", "1", status=1)  # the vote continues
     first = proposals(dao)[1]
     assert first["state"] == "active" and first["votes"] == {"against": 1, "for": 2, "abstain": 0}
     assert {one["voter_name"]: one["support"] for one in first["ballots"]}["bob"] == "against"

@@ -94,7 +94,7 @@ def wait_until_it_stands(node: Node) -> None:
         twists = [message.twist.twist for message, _ in messages]
         return max(abs(twist.linear.x) + abs(twist.angular.z) for twist in twists) < 0.01
 
-    wait_until(stands, "it goes on driving")
+    wait_until(stands, "it drives again")
 
 
 @pytest.mark.parametrize(

@@ -243,7 +243,7 @@ def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remot
             saved.append(saved_time_ns(world))
             return saved.count(saved[0]) == saved.maxlen
 
-        wait_until(stands, "the body goes on")
+        wait_until(stands, "the body moves again")
         assert body.poll() is None
         body.send_signal(signal.SIGTERM)
         # By itself: a launcher that had to kill it would see another status.

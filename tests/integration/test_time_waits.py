@@ -40,7 +40,7 @@ STOPPED_BEATS = 20
 
 
 def stop_for_a_while(running: RunningSite, name: str) -> None:
-    """Nobody goes on meanwhile, and it is named whom everybody waits for."""
+    """No process advances meanwhile, and an error names whom everybody waits for."""
     pid = running.children[name].pid
     os.kill(pid, signal.SIGSTOP)
     waits = f"the clock waits for {name}"

@@ -178,7 +178,7 @@ def main(control: socket.socket) -> None:
     """Fork what is asked for on `control` and tell how each ends, until it is closed."""
     given = dict(os.environ)
     reporting: dict[int, int] = {}
-    """Process -> where its exit status is told."""
+    """Process -> where its exit status is published."""
     reader, writer = os.pipe()
     os.set_blocking(reader, False)
     os.set_blocking(writer, False)

@@ -242,7 +242,7 @@ class _Site:
     # -- killing -------------------------------------------------------------------------------------------
 
     def kill_is_due(self) -> bool:
-        """Whether one is; each is told once. When none is, whoever waited goes on."""
+        """Whether one is; each is reported once. When none is, whoever waited continues."""
         with self._lock:
             if self.moments and self.answers >= self.moments[0]:
                 self.moments.popleft()

@@ -1,5 +1,5 @@
-"""A disk without room: what is told of it, and that nothing is torn. A small tmpfs is mounted where that is
-allowed; elsewhere the largest file that a process may write (RLIMIT_FSIZE) stands in for it."""
+"""A disk without room: what is reported of it, and that nothing is torn. A small tmpfs is mounted where that
+is allowed; elsewhere the largest file that a process may write (RLIMIT_FSIZE) stands in for it."""
 
 from __future__ import annotations
 

@@ -215,7 +215,7 @@ def test_an_address_that_asks_too_often_is_told_when_to_ask_again() -> None:
     [
         pytest.param([b""], id="silent"),
         pytest.param([b"GET /livez HTTP/1.1\r\nhost: bin\r\n"], id="half-a-head"),
-        # It is admitted once it is told to continue: before, the request below could take its place.
+        # It is admitted once it receives 100 Continue: before, the request below could take its place.
         pytest.param(
             [b"POST /size HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n", b""],
             id="no-body",

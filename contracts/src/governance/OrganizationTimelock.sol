@@ -17,7 +17,7 @@ contract OrganizationTimelock is TimelockController, IDecidedByMembers {
 
     /// @param delay s
     /// @param proposers the governor, and at first whoever sets the organization up without a delay. In its last act
-    /// that one sets the delay, and gives up its roles unless it is the key that goes on to propose.
+    /// that one sets the delay, and gives up its roles unless it is the key that continues to propose.
     /// @param decidedByMembers_ whether the governor proposes, so that the organization keeps MIN_VOTERS members
     constructor(uint256 delay, address[] memory proposers, bool decidedByMembers_)
         TimelockController(delay, proposers, _anybody(), address(0))

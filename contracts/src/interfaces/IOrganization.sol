@@ -219,10 +219,10 @@ interface IOrganization {
     /// @notice Vouch for a provider, so that it is proven without work, or do so no longer. Members are vouched for.
     function vouchFor(address provider, bool vouched) external;
 
-    /// @notice No new task for the service; a running one goes on.
+    /// @notice No new task for the service; a running one continues.
     function suspendService(ServiceId serviceId) external;
 
-    /// @notice Suspend all services of a provider, and let it register none. A running task goes on, and a service
+    /// @notice Suspend all services of a provider, and let it register none. A running task continues, and a service
     /// that the provider retires gives its bond back as always.
     /// @param provider any account but the organization, also one that offers nothing yet
     function suspendProvider(address provider) external;
@@ -270,7 +270,7 @@ interface IOrganization {
     /// @param number of the kinds that it judges
     function removeJudge(KindId number) external;
 
-    /// @notice Take no new tasks for `duration` seconds, MAX_PAUSE at most. Everything else goes on: running windows,
+    /// @notice Take no new tasks for `duration` seconds, MAX_PAUSE at most. Everything else continues: running windows,
     /// proofs, verdicts, expiry, refunds and withdrawals, and tasks that wait still find services. After a pause no
     /// guardian can pause for MAX_PAUSE, so that new tasks are taken at least half of the time.
     function pauseTasks(uint32 duration) external;

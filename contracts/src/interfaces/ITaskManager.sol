@@ -310,7 +310,7 @@ interface ITaskManager is IServiceListener {
     function task(TaskId taskId) external view returns (Task memory);
 
     /// @notice Anyone has the amount paid that the token refused to transfer before. The account's payout address gets
-    /// it, so that an account that the token refuses for ever can name another one (IServiceManager.setPayout).
+    /// it, so that an account that the token refuses permanently can name another one (IServiceManager.setPayout).
     /// @param account who is owed something
     function withdrawPayments(address account) external;
 

@@ -57,7 +57,7 @@ interface ITaskQueues {
     function take(ServiceId serviceId, bool asks) external returns (TaskId taskId, Passed list, bool failed);
 
     /// @notice An attempt has failed. It does not count if it was given back in the grace period or before it was accepted, if
-    /// nobody accepted it in that, or if a proven provider gave it up: its provider goes on the task's list, and a task that
+    /// nobody accepted it in that, or if a proven provider gave it up: its provider is put on the task's list, and a task that
     /// names somebody ends. Only the task manager.
     /// @param serviceId whose attempt it was
     /// @param cause why it failed

@@ -52,7 +52,7 @@ contract VotersHandler is CommonBase, StdUtils {
         sync(which);
     }
 
-    /// @dev One in two is told to the votes at once.
+    /// @dev Every other one is reported to the votes at once.
     function dismiss(uint256 which, bool told) external {
         vm.prank(_admin);
         _organization.revokeRole(MEMBER_ROLE, account(which));

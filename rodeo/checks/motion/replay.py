@@ -352,7 +352,7 @@ class World:
         )
 
     def drop(self, found: Replay, perturbation: Perturbation) -> Array:
-        """(3,) where the item comes to rest when `found` goes on, perturbed from before its release."""
+        """(3,) where the item comes to rest when `found` continues, perturbed from before its release."""
         row = max(int(np.searchsorted(found.time_s, found.release_s - BEFORE_RELEASE_S)) - 1, 0)
         rows = slice(row * EVERY + 1, len(found.motion.time_s))
         hand = found.motion.hand_by(perturbation, rows, float(found.motion.time_s[rows.start]))

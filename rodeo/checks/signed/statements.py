@@ -66,7 +66,7 @@ class Testimony:
 def joined(parts: Iterable[Testimony]) -> Testimony | None:
     """What a device said under all of its keys, in the order of its chain; None if nothing.
 
-    A device that gets another key goes on with its chain under that one. Where the chains of two keys
+    A device that gets another key continues its chain under that one. Where the chains of two keys
     overlap, or the later does not go on with the numbers of the earlier, the longest is left and `apart`
     says so.
     """

@@ -907,7 +907,7 @@ def _left_out(shop: CleaningWorkshop, take: Take, *, watch: bool, after_drop_s: 
 
 @HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
 def statements_left_out_that_the_bin_heard(shop: CleaningWorkshop) -> Submission:
-    """The recording goes on without motion capture's statements, and the bin lists newer ones."""
+    """The recording continues without motion capture's statements, and the bin lists newer ones."""
     return _left_out(shop, watched(shop.take), watch=False)
 
 

@@ -1250,7 +1250,7 @@ def a_recording_that_ends_at_once(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
 def statements_that_end_at_once(shop: CleaningWorkshop) -> Submission:
-    """The recording goes on, but without motion capture's statements."""
+    """The recording continues, but without motion capture's statements."""
     end_s = _drop(shop)["settled_s"] + 3.0
     return shop.restated(shop.take, _motion_between(end_s, shop.take.end_s + 9, lambda _: None))
 

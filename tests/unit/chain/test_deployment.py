@@ -373,7 +373,7 @@ def test_an_organization_is_not_founded_without_its_judges(tmp_path: Path) -> No
         with pytest.raises(contracts.WithoutJudges) as missing:
             organization.deploy()
         assert missing.value.details["kinds"] == judged
-        # It goes on with the key, and with the contracts that are there.
+        # It continues with the key, and with the contracts that are there.
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv(keystores.key_variable("alice"), "0x" + "0a" * 32)
             organization.deploy()

@@ -67,7 +67,7 @@ FORGERIES = {
         signed(said(1000 + number, None), STRANGER) for number in range(300)
     ],
     "a chain of their own that is longer": lambda own: forged(300),
-    "a chain that goes on with the device's": lambda own: forged(300, after=own[-1]),
+    "a chain that continues the device's": lambda own: forged(300, after=own[-1]),
     "many that go on with its last statement": lambda own: [
         link for number in range(300) for link in forged(1, after=own[-1], weight_n=1.0 + number)
     ],
@@ -111,7 +111,7 @@ def test_one_number_signed_twice_is_found() -> None:
     testimony = read([*own, *chain(1, after=own[18], weight_n=2.0)])
     assert testimony.twice == 20
     assert numbers(testimony) == list(range(1, OWN + 1))
-    # The other chain goes on behind it, and the first one's statement is not there.
+    # The other chain continues behind it, and the first one's statement is not there.
     fork = chain(OWN - 20, after=chain(1, after=own[18], weight_n=2.0)[0])
     assert read([*own[:20], *fork]).twice == 20
 

@@ -45,7 +45,7 @@ pose = {{ x_m = 1.4, y_m = 1.3 }}
 
 @pytest.fixture
 def said(tmp_path: Path) -> Said:
-    """What is found in a file that goes on with this text after its first two lines."""
+    """What is found in a file that has this text after its first two lines."""
 
     def of(text: str) -> list[str]:
         path = tmp_path / "my.toml"

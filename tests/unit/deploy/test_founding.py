@@ -78,7 +78,7 @@ def test_an_organization_takes_five_transactions_of_its_founder_and_the_next_one
 ) -> None:
     w3 = connect(site.chain.url)
     told(site)
-    # The registry, three with contracts, one with all that the organization is told.
+    # The registry, three with contracts, one with all settings of the organization.
     assert sent(site, w3) == 5
     client = Organization(site).client
     for name, kind in kinds_of(site).items():
@@ -190,7 +190,7 @@ def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
 def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_later(
     site: Site, monkeypatch: pytest.MonkeyPatch, before: int
 ) -> None:
-    """`before`: the transaction that does not get to the chain: by which the timelock is told what the site
+    """`before`: the transaction that does not get to the chain: that gives the timelock what the site
     file says and its delay, or the next one, which executes it."""
     slow = site.model_copy(update={"governance": GovernanceConfig(delay_s=60)})
     wallets.ensure_wallets(slow)

@@ -1,4 +1,4 @@
-"""The lab's model: published figures, names, and a base that moves as it is told."""
+"""The lab's model: published figures, names, and a base that follows its command."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a person is told of the time that is left for a task."""
+"""The time that is left for a task, in words for a person."""
 
 from __future__ import annotations
 

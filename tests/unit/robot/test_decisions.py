@@ -1,4 +1,4 @@
-"""What a robot decided and why is kept, compactly and not for ever."""
+"""What a robot decided and why is kept, compactly and for a limited time."""
 
 from __future__ import annotations
 

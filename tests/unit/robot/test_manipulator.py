@@ -38,7 +38,7 @@ def test_only_a_robot_that_is_not_alone_makes_way(site: Site, moves: bool, tmp_p
     *asides, last = body.drives
     assert last == GOAL
     assert bool(asides) == moves
-    # It neither stays for ever nor leaves each time: robots that block each other must not do the same.
+    # It neither stays indefinitely nor leaves each time: robots that block each other must not do the same.
     assert len(asides) < TRIES
 
 

@@ -197,7 +197,7 @@ class Session:
 
 
 def until(true: Callable[[], bool], *meanwhile: Callable[[], Any]) -> None:
-    """Wait until it is true, while something else goes on."""
+    """Wait until it is true, while something else runs."""
 
     def holds() -> bool:
         for go_on in meanwhile:

@@ -321,4 +321,4 @@ def test_what_stood_still_is_told_and_never_lost() -> None:
     assert seen is not None
     assert list(seen.time_us) == [START_US + STEP_US, stall[1] + STEP_US]
     log.add("item1", at(stall[1] + 2 * STEP_US, 1.02))
-    assert log.take(stall[1] + 2 * STEP_US, 2).stalls_us == (), "each is told once"
+    assert log.take(stall[1] + 2 * STEP_US, 2).stalls_us == (), "each is reported once"

@@ -256,7 +256,7 @@ HOLE_S = 25
 
 
 def interrupted(take: Take, at_s: float) -> Take:
-    """Nothing is recorded for HOLE_S, and everything goes on where it was."""
+    """Nothing is recorded for HOLE_S, and everything continues where it was."""
     return later(take, HOLE_S, after_s=at_s)
 
 

@@ -1,4 +1,4 @@
-"""The creator of a task for an item that lies in the bin by now is told so."""
+"""A task for an item that lies in the bin by now is refused, and the refusal says so."""
 
 from typing import Any
 

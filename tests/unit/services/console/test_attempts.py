@@ -1,4 +1,4 @@
-"""Every attempt at a task is told from its events, also those that the index has forgotten."""
+"""Every attempt at a task is shown from its events, also those that the index has forgotten."""
 
 from __future__ import annotations
 

@@ -540,7 +540,7 @@ def test_without_a_seed_or_a_clock_of_its_own_nobody_waits_for_another(config: C
 
 
 class Bridge:
-    """It says what it is told to."""
+    """Each answer is the one that the test set."""
 
     def __init__(self, says: Task | RodeoError) -> None:
         self.says = says

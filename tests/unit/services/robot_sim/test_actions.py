@@ -271,7 +271,7 @@ class TestAnotherArm:
         names = joint_names(body.arm_model)
         assert names == (*joints, "left_finger", "right_finger", *WHEEL_JOINTS)
         template = messages.joint_state_template(names)
-        positions = body.positions.copy()  # the simulation goes on in its thread
+        positions = body.positions.copy()  # the simulation runs in its thread
         numbers = (column[None] for column in (positions, body.velocities, body.efforts))
         (cdr,) = template.encode(np.array([1]), *numbers)
         message = types.deserialize(cdr, "sensor_msgs/msg/JointState")

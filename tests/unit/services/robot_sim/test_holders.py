@@ -191,7 +191,7 @@ def test_the_clock_stops_at_the_time_for_which_somebody_waits(simulator: Simulat
         simulator.wait_to_pass()
         passed_ns.append(simulator.now_ns_)
         simulator.advance(0.02)
-    # At 0.06 s it is due. It is awake before the time goes on, whatever the machine does meanwhile.
+    # At 0.06 s it is due. It is awake before the time advances, whatever the machine does meanwhile.
     assert woken_ns == [passed_ns[3]]
 
 

@@ -78,7 +78,7 @@ class Resting:
 
 
 class Dock(Nothing):
-    """Sees at which times power is told, and at which somebody is due."""
+    """Sees at which times power is published, and at which somebody is due."""
 
     def __init__(self, world: World) -> None:
         self.world = world

@@ -1,4 +1,4 @@
-"""The world as a whole: it goes on exactly where it was saved, and charges only when it should."""
+"""The world as a whole: it continues exactly where it was saved, and charges only when it should."""
 
 import math
 
@@ -62,7 +62,7 @@ def test_a_restored_world_goes_on_exactly_where_it_was() -> None:
     assert second.time_ns == time_ns
     assert second.row() == pytest.approx(row, abs=0)
     assert the_robot(second).gripper.position_m == 0.03
-    # The command does not survive the restart, everything else goes on in step.
+    # The command does not survive the restart, everything else continues in step.
     robot.base.command(Twist2(), -math.inf)
     the_robot(second).base.command(Twist2(), -math.inf)
     first.step()
