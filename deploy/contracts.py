@@ -101,7 +101,7 @@ class _Sender:
         self._client, self._names, self._say = client, names, say
         self._administrator = administrator
         self._by_timelock = client.deployment.has_timelock
-        self.is_founding = self._by_timelock and client.decision_delay_s() == 0
+        self.is_founding = self._by_timelock and client.decisions.delay_s() == 0
         self._waiting: list[Call] = []
         """Calls of the administrator to the organization."""
         self.sent: Counter[str] = Counter()
@@ -140,7 +140,7 @@ class _Sender:
 
     def end_founding(self, founder: LocalAccount, delay_s: int) -> None:
         """From now on nothing that an administrator may do happens without the delay."""
-        for left in self._client.pending_operations():
+        for left in self._client.decisions.pending():
             # Of an attempt that was interrupted: otherwise anybody could have it done again at any time.
             self._send(founder, self._client.governance_calls.cancel(left))
         self._waiting += self._client.governance_calls.end_founding(founder.address, delay_s)
@@ -312,7 +312,7 @@ def _possession(site: Site, client: ChainClient, keystore: str, owner: str) -> t
             "skipped %s, which is not registered: %s; run this step again with its key", keystore, error
         )
         return None
-    nonce, registry = client.device_nonce(key.address), client.deployment.address("DeviceRegistry")
+    nonce, registry = client.devices.nonce(key.address), client.deployment.address("DeviceRegistry")
     signed = bytes.fromhex(possession.sign(key, owner, nonce, client.w3.eth.chain_id, registry)[2:])
     return signed[:32], signed[32:]
 
@@ -438,10 +438,10 @@ def _missing_rules(
     for spenders, limit in site.governance.budgets.items():
         limited = Role[spenders.upper()]
         # Never set: what the administrator changed later stays.
-        if client.budget(limited).since == 0:
+        if client.rules.budget(limited).since == 0:
             amount = site.economy.currency.to_units(limit.iec)
             yield administrator, calls.set_budget(limited, amount, limit.period_s)
-    if client.auditors() == ZERO_ADDRESS:
+    if client.judges.auditors() == ZERO_ADDRESS:
         yield administrator, calls.set_auditors(client.deployment.address("AuditorJudge"))
     for kind in kinds_of(site).values():
         for call in _missing_kind(site, client, administrator.address, kind, known):
@@ -452,7 +452,7 @@ def _missing_rules(
         yield administrator, calls.vouch_for(account, True)
     for robot in site.robots:
         wallet = _told(site, robot.name)
-        if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
+        if wallet is not None and client.token.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
 
@@ -461,7 +461,7 @@ def _unproven(site: Site, client: ChainClient) -> list[str]:
     """The site's own robots for which nobody vouches. Other participants prove themselves by their work. Once
     somebody has ended it on chain, it stays so."""
     robots = [account for robot in site.robots if (account := _told(site, robot.name)) is not None]
-    missing = [account for account in robots if not client.is_proven(account)]
+    missing = [account for account in robots if not client.services.is_proven(account)]
     if not missing:
         return []
     happened = (log.event for log in client.history([client.deployment.address("Providers")]))
@@ -479,7 +479,7 @@ def _other_delay(site: Site, client: ChainClient) -> str | None:
             "the administrator's key acts at once in this organization, which was founded so: "
             "governance.delay_s of the site file counts for another organization"
         )
-    if (there_s := client.decision_delay_s()) == wanted_s:
+    if (there_s := client.decisions.delay_s()) == wanted_s:
         return None
     return (
         f"governance.delay_s of the site file is {wanted_s} and not {there_s} as on chain: `rodeo "
@@ -512,9 +512,9 @@ def first_members(site: Site) -> list[str]:
 def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
     """Calls that give the first members their votes."""
     for account in first_members(site):
-        if not client.is_member(account):
+        if not client.rules.is_member(account):
             yield client.organization_calls.grant_role(Role.MEMBER, account)
-        if not client.votes(account):
+        if not client.decisions.votes(account):
             yield client.governance_calls.votes.sync(account)
 
 
@@ -525,7 +525,7 @@ def _roles_to_grant(
     missing = [
         (role, account)
         for role, account in roles
-        if account is not None and not client.has_role(role, account)
+        if account is not None and not client.rules.has_role(role, account)
     ]
     if not missing:
         return
@@ -547,7 +547,7 @@ def _former_oracle(site: Site, client: ChainClient) -> str | None:
     if not site.oracles or not keystores.keystore_path(site, ORACLE).exists():
         return None
     oracle = _told(site, ORACLE)
-    return oracle if oracle is not None and client.has_role(Role.ORACLE, oracle) else None
+    return oracle if oracle is not None and client.rules.has_role(Role.ORACLE, oracle) else None
 
 
 def _missing_kind(
@@ -555,7 +555,7 @@ def _missing_kind(
 ) -> Iterator[Call]:
     """Calls that have work of this kind judged by the judge in the site file. A judge that is not one of the
     organization's own contracts, or the auditors in place of a machine, were named on chain, and stay."""
-    kind, calls, rules = declared.name, client.organization_calls, client.kind(declared.name)
+    kind, calls, rules = declared.name, client.organization_calls, client.rules.kind(declared.name)
     wanted = judge_of(site, declared)
     judge, there = client.deployment.address(wanted), _judge_there(client, rules)
     if rules.allowed and there != judge:
@@ -622,18 +622,20 @@ def _has_judges(site: Site, client: ChainClient, kind: Kind) -> bool:
     """Whether the judge of this kind could say its terms: its seats are taken, and its instances known."""
     if kind.judge == "auditor" or not site.oracles:
         return True
-    return client.quorum(kind.name).votes > 0 and (site.disputes is None or bool(client.instances(kind.name)))
+    return client.judges.quorum(kind.name).votes > 0 and (
+        site.disputes is None or bool(client.judges.instances(kind.name))
+    )
 
 
 def _judge_there(client: ChainClient, rules: KindRules) -> str | None:
     """The judge on chain; None for a kind that never had one."""
-    return client.judge_numbered(rules.number) if rules.number else None
+    return client.judges.numbered(rules.number) if rules.number else None
 
 
 def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
     """Calls that have the site's oracles vote on proofs of `kind`. A quorum that is on chain stays: the
     administrator or the members may have changed it."""
-    quorum, needed = client.quorum(kind), votes_needed(site, kind)
+    quorum, needed = client.judges.quorum(kind), votes_needed(site, kind)
     if quorum.votes:
         if (quorum.votes, quorum.count) != (needed, len(site.oracles)):
             log.warning(
@@ -661,17 +663,17 @@ def _seated(
 ) -> Iterator[Call]:
     """Calls that seat these judges, keystore -> owner (None: the key itself), and has them vote on proofs of
     `kind` by this quorum: votes, panel, rotation. No quorum where one of them cannot be seated yet."""
-    seats, calls = 0, client.committee_calls(committee)
+    seats, calls = 0, client.judge_calls.committee(committee)
     for keystore, named in keys.items():
         key = keystores.wallets_elsewhere(site).get(keystore) or _told(site, keystore)
         if key is None:
             return
-        if client.seat(key, committee) is None:
+        if client.judges.seat(key, committee) is None:
             owner = named or key
             if (signed := _agreed(site, client, committee, keystore, owner)) is None:
                 return
             yield calls.seat(key, owner, *signed)
-        seated = client.seat(key, committee)
+        seated = client.judges.seat(key, committee)
         if seated is None:
             return  # where others decide, it waits for them
         seats |= 1 << seated.number
@@ -700,21 +702,21 @@ def _agreed(
 def _missing_instances(site: Site, client: ChainClient, administrator: str, kind: str) -> Iterator[Call]:
     """Calls that let rulings on `kind` be challenged. An instance on chain stays, as a quorum does."""
     wanted = site.disputes
-    if wanted is None or client.instances(kind) or not client.quorum(kind).votes:
+    if wanted is None or client.judges.instances(kind) or not client.judges.quorum(kind).votes:
         return
     committees = client.deployment.committees[: 1 + len(wanted.instances)]
     for committee, one in zip(committees[1:], wanted.instances, strict=True):
         keys = dict.fromkeys(one.judges)
         yield from _seated(site, client, committee, kind, keys, (one.votes, len(keys), 0))
-        if not client.quorum(kind, committee).votes:
+        if not client.judges.quorum(kind, committee).votes:
             return
-    rules = client.kind(kind)
+    rules = client.rules.kind(kind)
     if rules.max_window and rules.min_verdict_window < min_verdict_window_s(site):
         now = Windows(**{one.name: getattr(rules, one.name) for one in fields(Windows)})
-        price = client.reference_price(kind)
+        price = client.rules.reference_price(kind)
         yield client.organization_calls.set_windows(kind, _with_room(site, now), price)
     to_units = site.economy.currency.to_units
-    if not any(client.instances(one) for one in kinds_of(site)):
+    if not any(client.judges.instances(one) for one in kinds_of(site)):
         # Later on a stake that is too low was lost or withdrawn.
         staked = zip(committees, wanted.instances, strict=False)
         needed = {committee: to_units(one.judge_stake_iec) for committee, one in staked}
@@ -724,7 +726,7 @@ def _missing_instances(site: Site, client: ChainClient, administrator: str, kind
         (one.window_s, to_units(one.stake_iec), to_units(one.judge_stake_iec)) for one in wanted.instances
     ]
     decisions = [0, *(one.decision_s for one in wanted.instances)]
-    yield client.dispute_calls.set_instances(
+    yield client.judge_calls.dispute.set_instances(
         kind,
         [
             Instance(client.deployment.address(committee), window_s, decision_s, stake, judge_stake)
@@ -745,11 +747,11 @@ def _missing_stakes(
         (committee, seat): stake - there
         for committee, stake in wanted.items()
         for seat in range(64)
-        if client.quorum(kind, committee).seats >> seat & 1
-        and (there := client.stake(seat, committee)) < stake
+        if client.judges.quorum(kind, committee).seats >> seat & 1
+        and (there := client.judges.stake(seat, committee)) < stake
     }
     needed = sum(missing.values())
-    if needed > (balance := client.balance(administrator)):
+    if needed > (balance := client.token.balance(administrator)):
         log.warning(
             "the stakes of %d judges take %s IEC, of which the organization's wallet has %s: their votes "
             "count once `rodeo organization deposit-stake` has deposited them",
@@ -758,10 +760,10 @@ def _missing_stakes(
             client.currency.text(balance),
         )
         return
-    if client.allowance(administrator, disputes) < needed:
+    if client.token.allowance(administrator, disputes) < needed:
         yield client.calls.approve(disputes, needed)
     for (committee, seat), amount in missing.items():
-        yield client.dispute_calls.deposit_stake(client.deployment.address(committee), seat, amount)
+        yield client.judge_calls.dispute.deposit_stake(client.deployment.address(committee), seat, amount)
 
 
 def _missing_hash(client: ChainClient, kind: Kind, judge: str, known: Sequence[str] | None) -> Iterator[Call]:
@@ -772,7 +774,11 @@ def _missing_hash(client: ChainClient, kind: Kind, judge: str, known: Sequence[s
     # Imported here: what the checks use takes its time.
     from rodeo.checks.rules import rules_hash
 
-    calls, current, installed = client.organization_calls, client.current_rules(kind.name), rules_hash(kind)
+    calls, current, installed = (
+        client.organization_calls,
+        client.rules.current_rules(kind.name),
+        rules_hash(kind),
+    )
     digest = bytes.fromhex((installed or "").removeprefix("0x"))
     if known is not None:
         if digest in current:
@@ -795,14 +801,14 @@ def _known_rules(site: Site, client: ChainClient, deployment: Deployment) -> tup
     """Rules that were known, and the installed ones that are current now."""
     from rodeo.checks.rules import rules_hash
 
-    current = {"0x" + one.hex() for kind in kinds_of(site) for one in client.current_rules(kind)}
+    current = {"0x" + one.hex() for kind in kinds_of(site) for one in client.rules.current_rules(kind)}
     installed = {rules_hash(kind) for kind in kinds_of(site).values()}
     return tuple(sorted({*deployment.rules, *(current & installed)}))
 
 
 def _is_registered(client: ChainClient, device: str) -> bool:
     try:
-        client.device(device)
+        client.devices.device(device)
     except ContractReverted as error:
         if error.name != "UnknownDevice":
             raise

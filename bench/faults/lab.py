@@ -637,7 +637,7 @@ class Lab:
         """Every task once, ended, and paid exactly once or not at all; the escrow holds the rest. Raises
         NotSurvived. Read from the contracts, and the bridge's index is held against them."""
         client = self.client()
-        tasks = {number: client.task(number) for number in range(1, client.task_count() + 1)}
+        tasks = {number: client.tasks.task(number) for number in range(1, client.tasks.count() + 1)}
         head = int(self.state("chain")["head"])
         logs = client.logs(client.deployment.block, head)
         settled = Counter(log.event.task_id for log in logs if isinstance(log.event, TaskSettled))
@@ -656,9 +656,11 @@ class Lab:
         left = {self.asked[label] for label in self.unfinished}
         open_ones = {number for number, task in tasks.items() if task.state not in _DONE}
         need(open_ones == left, f"tasks that did not end: {sorted(open_ones - left)}")
-        escrow, iec = client.balance(client.task_manager), client.currency.text
+        escrow, iec = client.token.balance(client.task_manager), client.currency.text
         held = sum(task.reward for number, task in tasks.items() if number in open_ones)
-        owed = sum(client.pending_payments(entry["address"]) for entry in self.state("wallets")["wallets"])
+        owed = sum(
+            client.tasks.pending_payments(entry["address"]) for entry in self.state("wallets")["wallets"]
+        )
         need(
             escrow == held + owed,
             f"the escrow holds {iec(escrow)} IEC instead of {iec(held + owed)}",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rodeo.chain import contract_calls
+from rodeo.chain import artifacts, contract_calls
 from rodeo.chain.contracts.abi import ServiceState, TaskRequest
 from rodeo.chain.contracts.types import Policy
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 
 
@@ -50,3 +51,18 @@ class OrganizationCalls(contract_calls.OrganizationCalls):
     def set_policy(self, policy: str) -> Call:
         """A Policy, or the address of another contract that is one."""
         return super().set_policy(self._deployment.address(policy) if policy in list(Policy) else policy)
+
+
+class JudgeCalls:
+    """Calls to the contracts that judge."""
+
+    def __init__(self, deployment: Deployment) -> None:
+        self._deployment = deployment
+        self.oracle = contract_calls.RoleJudgeCalls(deployment, "OracleJudge")
+        self.auditor = contract_calls.RoleJudgeCalls(deployment, "AuditorJudge")
+        self.dispute = contract_calls.DisputeJudgeCalls(deployment)
+        """Where rulings can be challenged."""
+
+    def committee(self, name: str = artifacts.COMMITTEES[0]) -> contract_calls.CommitteeJudgeCalls:
+        """To one of `artifacts.COMMITTEES`."""
+        return contract_calls.CommitteeJudgeCalls(self._deployment, name)

@@ -158,7 +158,7 @@ class Desk:
 
     def require_kind(self, kind: str) -> None:
         """Raises UnknownKind."""
-        if kind not in self.index.rules.kinds() and not self.client.is_kind_allowed(kind):
+        if kind not in self.index.rules.kinds() and not self.client.rules.is_kind_allowed(kind):
             raise UnknownKind(
                 "the organization does not accept this kind", kind=kind, known=self.index.rules.kinds()
             )
@@ -173,7 +173,7 @@ class Desk:
         # The index may be a block behind, so that only the node can say no.
         if self.index.money.balance(account) >= needed:
             return
-        balance = self.client.balance(account)
+        balance = self.client.token.balance(account)
         if balance < needed:
             raise InsufficientFunds(
                 "the account's balance is too low for this",
@@ -187,12 +187,12 @@ class Desk:
         """Raises HasToBeProposed where the administrator is one: it does `command` after a proposal alone."""
         if not self.client.deployment.has_timelock:
             return
-        if self.client.administrator() == self.client.deployment.address("OrganizationTimelock"):
+        if self.client.rules.administrator() == self.client.deployment.address("OrganizationTimelock"):
             raise HasToBeProposed(
                 "no key does this at once in this organization: propose it with `rodeo organization propose "
                 "--why TEXT`, followed by the command",
                 command=command,
-                delay_s=self.client.decision_delay_s(),
+                delay_s=self.client.decisions.delay_s(),
             )
 
     def escrow_approval(self, needed: int) -> list[Call]:
@@ -203,7 +203,7 @@ class Desk:
         """What lets `spender` take tokens from this wallet for good; nothing where it may already."""
         if spender in self._approved:
             return []
-        allowance = self.client.allowance(self.key_address, spender)
+        allowance = self.client.token.allowance(self.key_address, spender)
         if allowance < needed:
             # Some tokens refuse to change an allowance that is not used up.
             reset = [self.client.calls.approve(spender, 0)] if allowance else []

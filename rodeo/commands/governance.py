@@ -64,7 +64,7 @@ class Propose(Command):
         _require_timelock(desk)
         calls = self._proposed().proposed(desk.of_organization())
         if not desk.client.deployment.decides_by_vote:
-            salt, delay_s = os.urandom(32), desk.client.decision_delay_s()
+            salt, delay_s = os.urandom(32), desk.client.decisions.delay_s()
             return [desk.client.governance_calls.schedule(calls, self.description, salt, delay_s)]
         text = protected_text(self.description, desk.key_address)
         made = desk.client.governance_calls.proposal_id(calls, text)
@@ -278,7 +278,7 @@ class CastBudgetVote(Command):
                 needed=needed,
                 credits=BUDGET_CREDITS,
             )
-        if not desk.client.has_credits(desk.key_address, int(row["opened"])):
+        if not desk.client.decisions.has_credits(desk.key_address, int(row["opened"])):
             raise NoCredits(
                 "only members from before the budget vote was opened have credits in it",
                 participant=desk.participant,
@@ -316,7 +316,7 @@ def _require_timelock(desk: Desk) -> None:
 
 def _require_state(desk: Desk, row: Row, *wanted: str) -> None:
     """Raises UnexpectedProposalState, of a proposal where nobody votes."""
-    state = desk.client.operation_state(hex_bytes(row["id"]))
+    state = desk.client.decisions.operation_state(hex_bytes(row["id"]))
     if state not in wanted:
         raise UnexpectedProposalState(
             "this cannot be done to the proposal in its state; `rodeo organization proposals` shows it",
@@ -352,7 +352,7 @@ def _budget_vote(desk: Desk, number: int, state: str) -> Row:
         raise UnknownBudgetVote(
             "no such budget vote; `rodeo organization budget-votes` lists them", budget_vote=number
         )
-    found = "open" if desk.client.voting_time_s() < row["end"] else "ended"
+    found = "open" if desk.client.decisions.voting_time_s() < row["end"] else "ended"
     if found != state:
         raise UnexpectedBudgetVoteState(
             "voting has ended" if state == "open" else "voting is still open: shares are paid after it ends",

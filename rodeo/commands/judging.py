@@ -112,12 +112,12 @@ class Rule(Command):
             ),
             desk.currency,
         )
-        auditors = desk.client.auditor_calls
+        auditors = desk.client.judge_calls.auditor
         if removed:
             return [auditors.rule(said, self.report_uri)]
         if task["passed_on"] and task["attempt"] == self.attempt:
             return [auditors.rule_for(judge, said, self.report_uri)]
-        for calls, contract in ((desk.client.oracle_calls, "OracleJudge"), (auditors, "AuditorJudge")):
+        for calls, contract in ((desk.client.judge_calls.oracle, "OracleJudge"), (auditors, "AuditorJudge")):
             if judge == desk.client.deployment.address(contract):
                 return [calls.rule(said, self.report_uri)]
         raise NotAJudge("no single account rules on this task: its judges post votes", judge=judge)
@@ -136,8 +136,8 @@ class PostVotes(Command):
         said = votes.finding(self.vote, desk.currency)
         signatures = b"".join(hex_bytes(one) for one in self.signatures)
         for calls, contract in (
-            (desk.client.committee_calls(), "OracleCommittee"),
-            (desk.client.dispute_calls, "DisputeJudge"),
+            (desk.client.judge_calls.committee(), "OracleCommittee"),
+            (desk.client.judge_calls.dispute, "DisputeJudge"),
         ):
             if judge == desk.client.deployment.contracts.get(contract):
                 return [calls.post_votes(said, self.report_uri, signatures)]
@@ -204,7 +204,7 @@ class Challenge(Command):
         desk.require_funds(desk.key_address, stake)
         return [
             *desk.approval(_disputes(desk), stake),
-            desk.client.dispute_calls.challenge(self.task_id, *against, self.reason),
+            desk.client.judge_calls.dispute.challenge(self.task_id, *against, self.reason),
         ]
 
     def _meant(self, desk: Desk) -> Row:
@@ -270,7 +270,7 @@ class SettleStakes(Command):
     def calls(self, desk: Desk) -> list[Call]:
         _disputes(desk)
         attempt = self.attempt or int(desk.task(self.task_id)["attempt"])
-        return [desk.client.dispute_calls.settle(self.task_id, attempt)]
+        return [desk.client.judge_calls.dispute.settle(self.task_id, attempt)]
 
 
 @command(
@@ -329,7 +329,7 @@ class ChangeJudgeKey(Command):
 
     def calls(self, desk: Desk) -> list[Call]:
         old, key = _judges_key(desk, self.judge), to_checksum_address(self.key)
-        return [desk.client.committee_calls().change_key(old, key, *halves(self.signature))]
+        return [desk.client.judge_calls.committee().change_key(old, key, *halves(self.signature))]
 
 
 @command(
@@ -355,7 +355,7 @@ class SeatJudge(Command):
     def calls(self, desk: Desk) -> list[Call]:
         key = to_checksum_address(self.key)
         owner = key if self.owner is None else desk.names.address(self.owner)
-        return [desk.client.committee_calls().seat(key, owner, *halves(self.signature))]
+        return [desk.client.judge_calls.committee().seat(key, owner, *halves(self.signature))]
 
 
 @command(line=Line("organization unseat {judge}", "{judge} judges nothing any more."), proposable=True)
@@ -368,7 +368,9 @@ class UnseatJudge(Command):
 
     def calls(self, desk: Desk) -> list[Call]:
         bit = _judges_bit(desk, self.judge)
-        quorums = {row["kind"]: desk.client.quorum(row["kind"]) for row in desk.index.rules.all_kinds()}
+        quorums = {
+            row["kind"]: desk.client.judges.quorum(row["kind"]) for row in desk.index.rules.all_kinds()
+        }
         calls = [
             _quorum_call(desk, kind, now.votes, now.seats & ~bit, now)
             for kind, now in quorums.items()
@@ -411,7 +413,7 @@ class SetQuorum(Command):
     def calls(self, desk: Desk) -> list[Call]:
         if self.kind not in desk.kinds:  # else it may be allowed afterwards
             desk.require_kind(self.kind)
-        now = desk.client.quorum(self.kind)
+        now = desk.client.judges.quorum(self.kind)
         seats = now.seats
         if self.judges is not None:
             seats = 0
@@ -494,7 +496,7 @@ class SetInstances(Command):
                 committees=len(deployment.committees) - 1,
             )
         for committee in committees:
-            if not desk.client.quorum(self.kind, committee).votes:
+            if not desk.client.judges.quorum(self.kind, committee).votes:
                 raise KindWithoutQuorum(
                     "say first which judges of the committee judge this kind",
                     kind=self.kind,
@@ -511,7 +513,7 @@ class SetInstances(Command):
                 committees, [0, *self.decisions_s], challenged, strict=True
             )
         ]
-        return [desk.client.dispute_calls.set_instances(self.kind, instances)]
+        return [desk.client.judge_calls.dispute.set_instances(self.kind, instances)]
 
 
 @command(
@@ -533,7 +535,7 @@ class DepositStake(Command):
         desk.require_funds(desk.key_address, amount)
         return [
             *desk.approval(disputes, amount),
-            desk.client.dispute_calls.deposit_stake(committee, seat, amount),
+            desk.client.judge_calls.dispute.deposit_stake(committee, seat, amount),
         ]
 
     def spends(self, desk: Desk) -> int:
@@ -558,7 +560,7 @@ class AnnounceWithdrawal(Command):
         _disputes(desk)
         amount = desk.currency.to_units(self.amount_iec)
         committee, seat = _staked(desk, self.judge)
-        return [desk.client.dispute_calls.announce_withdrawal(committee, seat, amount)]
+        return [desk.client.judge_calls.dispute.announce_withdrawal(committee, seat, amount)]
 
 
 @command(line=Line("organization withdraw-stake {judge}", "The stake of {judge} that was announced is paid."))
@@ -569,7 +571,7 @@ class WithdrawStake(Command):
 
     def calls(self, desk: Desk) -> list[Call]:
         _disputes(desk)
-        return [desk.client.dispute_calls.withdraw_stake(*_staked(desk, self.judge))]
+        return [desk.client.judge_calls.dispute.withdraw_stake(*_staked(desk, self.judge))]
 
 
 class SignVote(Message):
@@ -599,7 +601,7 @@ class SignVote(Message):
         committees = desk.client.deployment.committees
         if instance >= len(committees):
             raise NoDispute("nobody decides about a challenge of this ruling", task_id=task["id"])
-        judge = desk.client.seat(account.address, committees[instance])
+        judge = desk.client.judges.seat(account.address, committees[instance])
         if judge is None:
             raise NotAJudge(
                 "this participant does not judge what is challenged", participant=desk.participant
@@ -647,11 +649,11 @@ def disputed(desk: Desk, task_id: int) -> Row:
 
 def _require_stake(desk: Desk, seat: int, committee: str, kind: str, instance: int, paid: int) -> None:
     """A vote without it would keep those of the others from counting. Raises StakeTooLow."""
-    instances = desk.client.instances(kind)
+    instances = desk.client.judges.instances(kind)
     needed = instances[instance].judge_stake if instance < len(instances) else 0
     if needed:  # nothing overturns the last instance, whose judges stake nothing
-        needed = max(needed, desk.client.stake_needed(seat, committee, paid))
-    if (stake := desk.client.stake(seat, committee)) < needed:
+        needed = max(needed, desk.client.judges.stake_needed(seat, committee, paid))
+    if (stake := desk.client.judges.stake(seat, committee)) < needed:
         raise StakeTooLow(
             "the stake of this judge is too low for its vote to count: somebody has to deposit",
             participant=desk.participant,
@@ -700,7 +702,7 @@ def _quorum_call(
             panel=panel,
             judges=count,
         )
-    return desk.client.committee_calls().set_quorum(kind, votes, panel, now.rotation, seats)
+    return desk.client.judge_calls.committee().set_quorum(kind, votes, panel, now.rotation, seats)
 
 
 def _judges_key(desk: Desk, who: str) -> str:
@@ -719,7 +721,7 @@ def _judges_bit(desk: Desk, who: str) -> int:
 
 def _judges_seat(desk: Desk, who: str) -> int:
     """Raises UnknownParticipant."""
-    sitting = desk.client.seat(_judges_key(desk, who))
+    sitting = desk.client.judges.seat(_judges_key(desk, who))
     if sitting is None:
         raise UnknownParticipant("no judge votes with this key", who=who)
     return sitting.number
@@ -731,7 +733,7 @@ def _staked(desk: Desk, who: str) -> tuple[ChecksumAddress, int]:
     key = desk.names.keys.get(who, who)
     if who not in {row["name"] for row in desk.index.rules.judges()} and is_address(key):
         for committee in desk.client.deployment.committees[1:]:
-            if (judge := desk.client.seat(key, committee)) is not None:
+            if (judge := desk.client.judges.seat(key, committee)) is not None:
                 return desk.client.deployment.address(committee), judge.number
     return desk.client.deployment.address(ORACLES), _judges_seat(desk, who)
 

@@ -410,13 +410,13 @@ def _judge_for(desk: Desk, kind: str, judge: str) -> str:
         return to_checksum_address(judge)
     if not desk.index.rules.judges():
         return deployment.address("OracleJudge")
-    if not desk.client.quorum(kind).votes:
+    if not desk.client.judges.quorum(kind).votes:
         raise KindWithoutQuorum(
             "several oracles judge here: say first how many have to agree about this kind, with "
             "`rodeo organization quorum`",
             kind=kind,
         )
-    can_be_challenged = deployment.has_disputes and bool(desk.client.instances(kind))
+    can_be_challenged = deployment.has_disputes and bool(desk.client.judges.instances(kind))
     return deployment.address("DisputeJudge" if can_be_challenged else "OracleCommittee")
 
 

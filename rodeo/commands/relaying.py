@@ -122,7 +122,7 @@ class Requests:
         client = self._client
         domain = self._token_domain(owner)
         try:
-            nonce = client.permit_nonce(owner)
+            nonce = client.token.permit_nonce(owner)
         except ContractReverted as error:
             raise self._no_permit(owner) from error
         said = Permit(owner=owner, spender=spender, value=amount, nonce=nonce, deadline=deadline)
@@ -196,13 +196,13 @@ class Requests:
     def _permitted(self, signed: SignedRequest, signer: str, nonce: int) -> list[Call]:
         """What has to be sent first: the permit, unless it is sent already or the request is void."""
         client = self._client
-        if signed.permit is None or client.is_request_nonce_used(signer, nonce):
+        if signed.permit is None or client.tasks.is_request_nonce_used(signer, nonce):
             return []
         said = _message(Permit, signed.permit.typed_data, self._token_domain(signer))
-        if client.allowance(said.owner, said.spender) >= said.value:
+        if client.token.allowance(said.owner, said.spender) >= said.value:
             return []
         raw = _bytes(signed.permit)
-        if said.nonce != (expected := client.permit_nonce(said.owner)):
+        if said.nonce != (expected := client.token.permit_nonce(said.owner)):
             raise NotSigned(
                 "another permit of its owner was sent since: sign the request again",
                 owner=said.owner,
@@ -225,9 +225,9 @@ class Requests:
         """By which the token knows permits for it. Raises NoPermit where it has none, or one that such tokens
         do not have."""
         deployment = self._client.deployment
-        name, address = self._client.token_name(), deployment.address("IECoin")
+        name, address = self._client.token.name(), deployment.address("IECoin")
         try:
-            said = self._client.permit_domain()
+            said = self._client.token.permit_domain()
         except ContractReverted as error:
             raise self._no_permit(owner) from error
         for version in _VERSIONS:

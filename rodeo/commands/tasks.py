@@ -166,7 +166,7 @@ class RegisterTask(Command):
         if wanted is None:
             return next(reversed(current), NO_RULES)
         if wanted not in current:  # as far as the index knows, which may be a block behind
-            current = ["0x" + one.hex() for one in desk.client.current_rules(self.kind)]
+            current = ["0x" + one.hex() for one in desk.client.rules.current_rules(self.kind)]
         if wanted not in current:
             raise RulesNotCurrent(
                 "tasks of this kind are not posted under these rules",
@@ -313,7 +313,7 @@ class RaiseReward(Command):
         if not is_open:
             return [*approval, post]
         # A task that is cancelled, and refused after that, would be gone. What is in escrow cannot pay yet.
-        payable = not approval and desk.client.balance(desk.address) >= reward
+        payable = not approval and desk.client.token.balance(desk.address) >= reward
         tried = post if payable else desk.calls.register_task(replace(request, reward=0))
         desk.client.simulate(tried, desk.key_address)
         return [desk.calls.cancel_task(self.task_id), *approval, post]

@@ -145,4 +145,4 @@ class RescueTokens(Command):
 
     def spends(self, desk: Desk) -> int:
         ours = to_checksum_address(self.token) == desk.client.deployment.address("IECoin")
-        return desk.client.unaccounted() if ours else 0
+        return desk.client.tasks.unaccounted() if ours else 0

@@ -89,7 +89,7 @@ class OrganizationQueries:
         return {
             "address": address,
             "treasury_iec": self._iec(self._balances([address])[address]),
-            "policy": self._names.policy(self._index.rules.setting("policy") or self._client.policy()),
+            "policy": self._names.policy(self._index.rules.setting("policy") or self._client.rules.policy()),
             "kinds": [
                 {
                     **{key: row[key] for key in _OF_KIND},
@@ -119,7 +119,7 @@ class OrganizationQueries:
             "voids": dict(voids),
             "many_voids": bool(counted_voids(*recent.get(None, (0, {})), of_a_creator=False)),
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
-            "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
+            "delay_s": self._client.decisions.delay_s() if self._deployment.has_timelock else 0,
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
                 for role, holders in self._index.rules.roles().items()
@@ -170,13 +170,13 @@ class OrganizationQueries:
 
     def _proposal_state(self, key: str) -> str:
         if self._deployment.decides_by_vote:
-            return self._client.proposal_state(int(key, 16))
-        return self._client.operation_state(to_bytes(hexstr=HexStr(key)))
+            return self._client.decisions.proposal_state(int(key, 16))
+        return self._client.decisions.operation_state(to_bytes(hexstr=HexStr(key)))
 
     def _budget_votes(self, request: Request) -> Json:
         wanted = validate(BudgetVoteFilters, request.parameters)
         rows, total = self._index.votes.budget_votes(Page(wanted.limit, wanted.offset), wanted.number)
-        now_s = self._client.voting_time_s() if rows else 0
+        now_s = self._client.decisions.voting_time_s() if rows else 0
         return {"budget_votes": [self._budget_vote_json(row, now_s) for row in rows], "total": total}
 
     def _budget_vote_json(self, row: Mapping[str, Any], now_s: int) -> Json:

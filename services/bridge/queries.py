@@ -209,11 +209,11 @@ class Queries:
         if not self._deployment.is_token_foreign:
             known = self._index.money.balances()
             return {address: known.get(address, 0) for address in addresses}
-        return {address: self._client.balance(address) for address in addresses}
+        return {address: self._client.token.balance(address) for address in addresses}
 
     def _supply(self) -> int:
         if self._deployment.is_token_foreign:
-            return self._client.total_supply()
+            return self._client.token.total_supply()
         return sum(self._index.money.balances().values())
 
     def _payout_json(self, payout: str | None) -> Json:

@@ -162,7 +162,7 @@ def test_a_bridge_that_is_killed_before_the_receipt_gives_the_same_one(
     reply = dao.command("organization", "register_task", **request)
     assert reply["tx_hash"] == sent[0]
     assert dao.command("organization", "register_task", **request) == reply
-    assert dao.client().task_count() == dao.state("tasks")["total"] == 1
+    assert dao.client().tasks.count() == dao.state("tasks")["total"] == 1
 
 
 def test_bridge_node_and_router_killed_at_random_moments_settle_every_task_once(chain_backend: str) -> None:
@@ -194,7 +194,7 @@ def test_a_bridge_whose_journal_is_gone_says_so_and_posts_nothing_twice(running:
         kept.rename(kept.with_name(kept.name.replace("copy", "journal")))
     running.start("bridge")
     assert dao.post(request_id="once") == 1
-    assert dao.client().task_count() == 1
+    assert dao.client().tasks.count() == 1
 
 
 def test_nothing_is_deployed_on_a_chain_that_the_site_file_does_not_name(

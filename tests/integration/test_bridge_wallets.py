@@ -159,18 +159,21 @@ def relay_fails(dao: Dao, signed: SignedRequest) -> RemoteError:
 def test_who_has_no_gas_money_signs_and_another_one_sends(dao: Dao) -> None:
     w3, before = Web3(HTTPProvider(dao.site.chain.url)), dao.balances()
     signed = signed_by_carol(dao, task("carols"))
-    assert signed.permit is not None and dao.client().allowance(CAROL.address, dao.client().task_manager) == 0
+    assert (
+        signed.permit is not None
+        and dao.client().token.allowance(CAROL.address, dao.client().task_manager) == 0
+    )
     assert signed.permit.typed_data["message"]["value"] == str(50 * 10**18)
     task_id = relay(dao, "bob", signed)["task_id"]
     assert (dao.task(task_id)["creator_name"], dao.task(task_id)["state"]) == ("carol", "open")
     assert dao.balances() == {**before, "carol": before["carol"] - 50}
-    assert dao.client().allowance(CAROL.address, dao.client().task_manager) == 0
+    assert dao.client().token.allowance(CAROL.address, dao.client().task_manager) == 0
     assert relay_fails(dao, signed).code == "nonce_used"
     # The same request once more is the same. It would need a permit of its own, which nobody sends.
     again = signed_by_carol(dao, task("carols"))
     assert again.request.typed_data["message"]["nonce"] == signed.request.typed_data["message"]["nonce"]
     assert again.permit is not None and relay_fails(dao, again).code == "nonce_used"
-    assert dao.client().allowance(CAROL.address, dao.client().task_manager) == 0
+    assert dao.client().token.allowance(CAROL.address, dao.client().task_manager) == 0
 
     carol = Participant(dao.running.bus, dao.site.org, "carol", CAROL)
     relay(dao, "bob", carol.sign("cancel_task", CancelTask(task_id=task_id), 3600))
@@ -208,7 +211,7 @@ def test_a_signed_request_is_revoked_or_expires(dao: Dao) -> None:
     signed = alice(dao).sign("register_task", asked, 3600)
     nonce = int(signed.request.typed_data["message"]["nonce"])
     alice(dao).command("revoke_request", RevokeRequest(nonce=nonce))
-    assert dao.client().is_request_nonce_used(ALICE.address, nonce)
+    assert dao.client().tasks.is_request_nonce_used(ALICE.address, nonce)
     assert relay_fails(dao, signed).code == "nonce_used"
     late = alice(dao).sign("register_task", task("alices late"), 60)
     dao.set_clock(Web3(HTTPProvider(dao.site.chain.url)).eth.get_block("pending")["timestamp"] + 120)
@@ -365,9 +368,9 @@ def test_a_robots_own_bridge_has_its_wallet_alone(dao: Dao) -> None:
         )
     running.children["bridge.bob"] = child
     running.wait_ready("bridge.bob")
-    before = dao.client().balance(dao.client().organization)
+    before = dao.client().token.balance(dao.client().organization)
     dao.command("bob", "transfer", to="organization", amount_iec="1")
-    assert dao.client().balance(dao.client().organization) == before + 10**18
+    assert dao.client().token.balance(dao.client().organization) == before + 10**18
     for key in (f"rodeo/{dao.site.org}/wallet/oracle/transfer", f"rodeo/{dao.site.org}/state/chain"):
         with pytest.raises(NoResponder):
             running.bus.query(key, {})

@@ -131,7 +131,7 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
     members = {one["name"] for one in dao.state("organization")["roles"]["MEMBER_ROLE"]}
     assert members == {"alice", "bob", "panther1", "carla"}
     carla = next(one["address"] for one in dao.state("wallets")["wallets"] if one["name"] == "carla")
-    assert dao.client().votes(carla) == 1
+    assert dao.client().decisions.votes(carla) == 1
     (seated,) = dao.state("organization")["judges"]
     assert (seated["key"], seated["owner_name"]) == (judge, "carla")
 
@@ -252,7 +252,7 @@ def split(dao: Dao, page: Page, reader: Page, number: int, pass_time: Callable[[
     assert cents == [2571, 4500, 1928] and [one["votes"] for one in found["recipients"]] == [8, 14, 6]
     assert dao.balances()["bob"] - before["bob"] == 45
     assert round(dao.balances()["carla"] - before["carla"], 2) == 25.71
-    assert dao.client().balance(REPAIRS) == 90 * 10**18 * 6 // 28
+    assert dao.client().token.balance(REPAIRS) == 90 * 10**18 * 6 // 28
     assert "There is nothing to pay of budget vote 0." in rodeo(dao, "pay-budget", "0")
 
 

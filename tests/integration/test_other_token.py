@@ -71,12 +71,12 @@ def test_a_task_goes_from_its_creation_to_its_payment(dao: Dao) -> None:
     service = dao.command("panther1", "register_service", kind="waste_disposal", price_iec="79.123456")
     offered = dao.state("services")["services"][0]
     assert (offered["price_iec"], offered["bond_iec"]) == ("79.123456", "20.5")
-    assert client.service(service["service_id"]).price == 79_123_456
+    assert client.services.service(service["service_id"]).price == 79_123_456
 
     task_id = dao.post("100.25")
     task = dao.task(task_id)
     assert (task["state"], task["reward_iec"], task["price_iec"]) == ("assigned", "100.25", "79.123456")
-    assert client.task(task_id).reward == 100_250_000
+    assert client.tasks.task(task_id).reward == 100_250_000
     dao.prove(task_id)
     with pytest.raises(RemoteError) as refused:
         dao.verdict(task_id, "accepted", amount_iec="79.123457")
@@ -89,11 +89,11 @@ def test_a_task_goes_from_its_creation_to_its_payment(dao: Dao) -> None:
     reasons = [one["reason"] for one in dao.state("transfers", task_id=task_id)["transfers"]]
     assert sorted(reasons) == ["escrow", "payment", "surplus"]
     (reputation,) = [one["reputation"] for one in dao.state("services")["services"]]
-    assert reputation == client.service(service["service_id"]).reputation > 32
+    assert reputation == client.services.service(service["service_id"]).reputation > 32
     settled = next(event for event in dao.events if event.name == "TaskSettled")
     assert settled.args["paid_iec"] == "79.123456"
     supply = dao.state("wallets")["supply_iec"]
-    assert supply == "2050" and Decimal(supply) * TOKEN == client.total_supply()
+    assert supply == "2050" and Decimal(supply) * TOKEN == client.token.total_supply()
 
 
 def test_what_is_finer_than_the_token_is_refused_and_not_rounded(dao: Dao) -> None:

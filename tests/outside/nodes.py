@@ -161,17 +161,17 @@ def _command_line(deed: Deed) -> None:
     client = deed.chain.client()
     if not list(client.history()):
         raise NotDone("no events")
-    before, now_s = client.task_count(), client.time_s()
+    before, now_s = client.tasks.count(), client.time_s()
     with deed.robot() as robot:
         receipt = client.send(robot.account, client.calls.transfer(robot.oracle, 1), timeout_s=5.0)
-    if receipt["status"] != 1 or client.task_count() != before or client.time_s() < now_s:
+    if receipt["status"] != 1 or client.tasks.count() != before or client.time_s() < now_s:
         raise NotDone("another outcome")
 
 
 def _refusal(deed: Deed) -> None:
     client = deed.chain.client()
     with deed.robot() as robot:
-        too_much = client.balance(robot.account.address) + 1
+        too_much = client.token.balance(robot.account.address) + 1
         deed.caught_up(robot)
         future = robot.transactions.orders.submit(robot.order(too_much))
         deed.until(robot, [future])

@@ -87,7 +87,7 @@ class Robot:
         self.transactions.step()
 
     def paid(self) -> int:
-        return self.client.balance(self.oracle)
+        return self.client.token.balance(self.oracle)
 
     def waiting(self) -> int:
         return len(self.journal.unfinished())

@@ -368,7 +368,7 @@ class _Site:
         while not self.events or self.events[-1].seq < chain["last_seq"]:
             self.wait(0.05)
             self._check()
-        kept = [client.task(number) for number in range(1, client.task_count() + 1)]
+        kept = [client.tasks.task(number) for number in range(1, client.tasks.count() + 1)]
         differing = index_differences(self.state, client)
         for line in differing:
             self.say(line)

@@ -61,7 +61,7 @@ def _found(task_id: int, attempt: int, ruling: Ruling, amount: int = 0, reason: 
 
 def test_a_task_from_registration_to_payment(organization: Organization, service_id: int) -> None:
     client, robot = organization.client, organization.robot.address
-    before = {name: client.balance(name) for name in (robot, client.organization)}
+    before = {name: client.token.balance(name) for name in (robot, client.organization)}
 
     registered, assigned = organization.post()
     assert isinstance(registered, TaskRegistered)
@@ -75,36 +75,37 @@ def test_a_task_from_registration_to_payment(organization: Organization, service
         3600,
         3600,
         3,
-        client.current_rules(KIND)[-1],
+        client.rules.current_rules(KIND)[-1],
         '{"item_id":"item1"}',
     )
     assert (assigned.task_id, assigned.attempt, assigned.executor) == (task_id, 1, robot)
     assert (assigned.service_id, assigned.price) == (service_id, PRICE)
     assert len(assigned.nonce) == 32 and any(assigned.nonce)
-    assert client.service(service_id).task_id == task_id
-    assert client.balance(client.task_manager) == REWARD
+    assert client.services.service(service_id).task_id == task_id
+    assert client.token.balance(client.task_manager) == REWARD
 
     (submitted,) = organization.events(
         organization.robot, client.calls.submit_proof(task_id, 1, PROOF, "file:///proof.mcap")
     )
     assert isinstance(submitted, ProofSubmitted)
     assert (submitted.proof_hash, submitted.uri) == (PROOF, "file:///proof.mcap")
-    assert (client.task(task_id).state, client.task(task_id).proof_hash) == (TaskState.SUBMITTED, PROOF)
+    task = client.tasks.task(task_id)
+    assert (task.state, task.proof_hash) == (TaskState.SUBMITTED, PROOF)
 
     reported, ruled, settled = organization.events(
         organization.oracle,
-        client.oracle_calls.rule(
+        client.judge_calls.oracle.rule(
             _found(task_id, 1, Ruling.ACCEPTED, PRICE, "all passed"), "file:///report.json"
         ),
     )
     assert reported == Reported(task_id, "file:///report.json", "all passed")
     assert ruled == Ruled(task_id, 1, PROOF, Ruling.ACCEPTED, Fault.NOBODY, PRICE, 0, REPORT)
     assert settled == TaskSettled(task_id, robot, PRICE, REWARD - PRICE)
-    task = client.task(task_id)
+    task = client.tasks.task(task_id)
     assert (task.state, task.service_id, task.price) == (TaskState.SETTLED, service_id, PRICE)
-    assert client.balance(robot) == before[robot] + PRICE
-    assert client.balance(client.organization) == before[client.organization] - PRICE
-    assert client.service(service_id).completed == 1
+    assert client.token.balance(robot) == before[robot] + PRICE
+    assert client.token.balance(client.organization) == before[client.organization] - PRICE
+    assert client.services.service(service_id).completed == 1
 
 
 def test_a_rejected_attempt_is_requeued_with_its_cause(organization: Organization, service_id: int) -> None:
@@ -113,39 +114,39 @@ def test_a_rejected_attempt_is_requeued_with_its_cause(organization: Organizatio
     organization.send(organization.robot, client.calls.submit_proof(task_id, 1, PROOF, "uri"))
     logged = organization.events(
         organization.oracle,
-        client.oracle_calls.rule(_found(task_id, 1, Ruling.REJECTED), ""),
+        client.judge_calls.oracle.rule(_found(task_id, 1, Ruling.REJECTED), ""),
     )
     assert [type(event) for event in logged] == [Reported, Ruled, TaskRequeued, TaskAssigned]
     assert logged[2] == TaskRequeued(task_id, 1, Cause.REJECTED)
-    assert client.task(task_id).attempt == 2
+    assert client.tasks.task(task_id).attempt == 2
     for attempt in (2, 3):
         organization.send(organization.robot, client.calls.submit_proof(task_id, attempt, PROOF, "uri"))
         organization.send(
             organization.oracle,
-            client.oracle_calls.rule(_found(task_id, attempt, Ruling.REJECTED), ""),
+            client.judge_calls.oracle.rule(_found(task_id, attempt, Ruling.REJECTED), ""),
         )
-    assert client.task(task_id).state is TaskState.FAILED
+    assert client.tasks.task(task_id).state is TaskState.FAILED
 
 
 def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its_refund(
     organization: Organization,
 ) -> None:
     client = organization.client
-    before = client.balance(client.organization)
+    before = client.token.balance(client.organization)
     task_id = _task_id(organization.post())
-    assert client.task(task_id).creator == client.organization
-    number = client.kind(KIND).number
-    last = client.service_count()
+    assert client.tasks.task(task_id).creator == client.organization
+    number = client.rules.kind(KIND).number
+    last = client.services.count()
     assert view(client, "TaskQueues", "oldestOpen", last, number, REWARD) == task_id
     assert view(client, "TaskQueues", "oldestOpen", last, number, REWARD + 10**9) == 0
     logged = organization.events(organization.operator, client.organization_calls.cancel_task(task_id))
     assert logged == [TaskCancelled(task_id, REWARD)]
-    assert client.balance(client.organization) == before
+    assert client.token.balance(client.organization) == before
 
 
 def test_a_service_is_found_by_price_and_paused(organization: Organization, service_id: int) -> None:
     client = organization.client
-    number = client.kind(KIND).number
+    number = client.rules.kind(KIND).number
     assert view(client, "ServiceManager", "bestIdle", number, PRICE, 0, 0) == service_id
     assert view(client, "ServiceManager", "bestIdle", number, PRICE - 10**9, 0, 0) == 0
     logged = organization.events(
@@ -153,16 +154,16 @@ def test_a_service_is_found_by_price_and_paused(organization: Organization, serv
     )
     assert logged == [ServiceUpdated(service_id, PRICE, ServiceState.PAUSED)]
     assert view(client, "ServiceManager", "bestIdle", number, PRICE, 0, 0) == 0
-    assert client.service(service_id).state is ServiceState.PAUSED
+    assert client.services.service(service_id).state is ServiceState.PAUSED
 
 
 def test_treasury_and_transfers(organization: Organization) -> None:
     client, robot = organization.client, organization.robot.address
-    before = client.balance(robot)
+    before = client.token.balance(robot)
     organization.send(organization.operator, client.organization_calls.transfer(robot, 5))
     (log,) = organization.logs(organization.robot, client.calls.transfer(client.organization, 5))
     assert log.event == Transfer(robot, client.organization, 5)
-    assert client.balance(robot) == before
+    assert client.token.balance(robot) == before
 
 
 def test_a_range_of_blocks_gives_the_logs_of_its_receipts_in_order(organization: Organization) -> None:
@@ -205,7 +206,7 @@ def test_a_wrong_state_comes_with_both_states_by_name(organization: Organization
 
 def test_an_error_from_a_contract_further_down_arrives_as_well(organization: Organization) -> None:
     client, robot = organization.client, organization.robot.address
-    balance = client.balance(robot)
+    balance = client.token.balance(robot)
     request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, bytes(32), 0, ZERO_ADDRESS, "{}")
     error = _refusal(organization, robot, client.calls.register_task(request))
     assert error.code == "erc20_insufficient_balance"
@@ -233,7 +234,7 @@ def test_a_refusal_is_raised_before_anything_is_sent(organization: Organization)
 
 def test_views_refuse_by_name_too(organization: Organization) -> None:
     with pytest.raises(ContractReverted) as refused:
-        organization.client.device(organization.robot.address)
+        organization.client.devices.device(organization.robot.address)
     assert refused.value.details == {"device": organization.robot.address}
 
 
@@ -247,7 +248,7 @@ def test_a_wallet_without_gas_money_is_the_nodes_refusal(organization: Organizat
 def test_a_node_that_is_not_there_is_unavailable(organization: Organization) -> None:
     client = ChainClient(f"http://127.0.0.1:{free_port()}", organization.client.deployment)
     with pytest.raises(ChainUnavailable):
-        client.task_count()
+        client.tasks.count()
 
 
 def _task_id(logged: list[Event]) -> int:

@@ -38,8 +38,8 @@ def judges_of(organization: Organization) -> dict[str, str]:
     """What the chain says: kind -> the contract that judges it."""
     client = organization.client
     names = {address: name for name, address in client.deployment.contracts.items()}
-    numbers = {kind: client.kind(kind).number for kind in kinds_of(organization.site)}
-    return {kind: names[client.judge_numbered(number)] for kind, number in numbers.items()}
+    numbers = {kind: client.rules.kind(kind).number for kind in kinds_of(organization.site)}
+    return {kind: names[client.judges.numbered(number)] for kind, number in numbers.items()}
 
 
 def handover_delay_s(client: ChainClient) -> int:
@@ -60,20 +60,20 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
         organization.robot.address: initial,
         organization.operator.address: supply - 2 * initial,
     }
-    assert client.total_supply() == supply
-    assert client.has_role(Role.ADMINISTRATOR, organization.operator.address)
-    assert client.has_role(Role.OPERATOR, organization.operator.address)
-    assert client.has_role(Role.ORACLE, organization.oracle.address)
-    assert not client.has_role(Role.ORACLE, organization.operator.address)
-    assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
+    assert client.token.total_supply() == supply
+    assert client.rules.has_role(Role.ADMINISTRATOR, organization.operator.address)
+    assert client.rules.has_role(Role.OPERATOR, organization.operator.address)
+    assert client.rules.has_role(Role.ORACLE, organization.oracle.address)
+    assert not client.rules.has_role(Role.ORACLE, organization.operator.address)
+    assert all(client.rules.is_kind_allowed(kind) for kind in kinds_of(site))
     assert judges_of(organization) == {
         name: "AuditorJudge" if kind.judge == "auditor" else "OracleJudge"
         for name, kind in kinds_of(site).items()
     }
-    assert client.auditors() == client.deployment.address("AuditorJudge")
-    robot = client.device(keystores.address(site, "panther1-device"))
+    assert client.judges.auditors() == client.deployment.address("AuditorJudge")
+    robot = client.devices.device(keystores.address(site, "panther1-device"))
     assert (robot.role, robot.owner) == ("robot", organization.robot.address)
-    meter = client.device(keystores.address(site, "dock1-device"))
+    meter = client.devices.device(keystores.address(site, "dock1-device"))
     assert (meter.role, meter.owner) == ("meter", client.organization)
     assert meter.registrar == organization.operator.address and meter.revoked_at == 0
 
@@ -90,14 +90,14 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         organization = Organization(site)
         organization.deploy()
         client = organization.client
-        assert client.administrator() == client.deployment.address("OrganizationTimelock")
-        assert client.decision_delay_s() == handover_delay_s(client) == 2 * day_s
+        assert client.rules.administrator() == client.deployment.address("OrganizationTimelock")
+        assert client.decisions.delay_s() == handover_delay_s(client) == 2 * day_s
         for role, iec in ((Role.OPERATOR, 1000), (Role.TREASURER, 200)):
-            budget = client.budget(role)
+            budget = client.rules.budget(role)
             assert (budget.amount, budget.period) == (IEC.to_units(Decimal(iec)), day_s)
-        assert client.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
-        assert client.terms() == Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(5)), 3)
-        assert client.pending_operations() == {}
+        assert client.rules.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
+        assert client.rules.terms() == Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(5)), 3)
+        assert client.decisions.pending() == {}
         # The key that founded it tells it nothing at once any more.
         unlimited, key = client.organization_calls.set_budget(Role.OPERATOR, 0, 0), organization.operator
         schedule = client.governance_calls.schedule
@@ -111,7 +111,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         organization.send(key, schedule([unlimited], "no limits", bytes(32), 2 * day_s))
         data = [to_bytes(hexstr=unlimited.data), b"no limits"]
         proposed = Operation([client.organization, WHY], [0, 0], data, bytes(32), bytes(32))
-        assert client.pending_operations() == {batch_id(proposed): proposed}
+        assert client.decisions.pending() == {batch_id(proposed): proposed}
         perform = client.governance_calls.perform(proposed, batch_id(proposed))
         with pytest.raises(ContractReverted) as early:
             organization.send(organization.robot, perform)
@@ -122,7 +122,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         block, said = client.w3.eth.block_number, list[str]()
         more = site.governance.model_copy(update={"guardian": "panther1", "delay_s": 60})
         contracts.run(site.model_copy(update={"governance": more}), threading.Event(), said.append)
-        assert client.budget(Role.OPERATOR).period == 0 and client.w3.eth.block_number == block
+        assert client.rules.budget(Role.OPERATOR).period == 0 and client.w3.eth.block_number == block
         assert "grantRole of the site file is not on chain: it takes a proposal of the administrator" in said
         assert any(f"is 60 and not {2 * day_s} as on chain" in one for one in said)
 
@@ -135,16 +135,18 @@ def test_an_organization_whose_administrator_acts_at_once_stays_so(
     block = client.w3.eth.block_number
     site = organization.site.model_copy(update={"governance": waits})
     contracts.run(site, threading.Event(), said.append)
-    assert client.w3.eth.block_number == block and client.administrator() == organization.operator.address
+    assert (
+        client.w3.eth.block_number == block and client.rules.administrator() == organization.operator.address
+    )
     assert any("the administrator's key acts at once in this organization" in one for one in said)
 
 
 def test_the_demos_site_says_that_it_has_neither_delay_nor_budgets(organization: Organization) -> None:
     governance = organization.site.governance
     assert governance.model_fields_set >= {"delay_s", "budgets", "terms"}
-    assert organization.client.terms() == Terms(0, 0, 0)
+    assert organization.client.rules.terms() == Terms(0, 0, 0)
     assert handover_delay_s(organization.client) == governance.delay_s == 0
-    assert governance.budgets == {} and organization.client.budget(Role.TREASURER).since == 0
+    assert governance.budgets == {} and organization.client.rules.budget(Role.TREASURER).since == 0
 
 
 def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path) -> None:
@@ -156,10 +158,11 @@ def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path
         organization.deploy()
         client = organization.client
         timelock = client.deployment.address("OrganizationTimelock")
-        assert client.administrator() == timelock and client.decision_delay_s() == 60
-        assert client.has_role(Role.OPERATOR, timelock)
-        assert client.votes(organization.robot.address) == client.votes("0x" + "a1" * 20) == 1
-        assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
+        assert client.rules.administrator() == timelock and client.decisions.delay_s() == 60
+        assert client.rules.has_role(Role.OPERATOR, timelock)
+        votes = client.decisions.votes
+        assert votes(organization.robot.address) == votes("0x" + "a1" * 20) == 1
+        assert all(client.rules.is_kind_allowed(kind) for kind in kinds_of(site))
         # Its founder can do nothing any more, neither at once nor after the delay.
         founder, calls = organization.operator, client.governance_calls
         schedule, _execute = calls.found([], bytes(32))
@@ -186,13 +189,13 @@ def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest
         organization = Organization(site)
         organization.deploy()
         client, (kind, *_) = organization.client, kinds_of(site)
-        quorum = client.quorum(kind)
+        quorum = client.judges.quorum(kind)
         assert (quorum.votes, quorum.panel, quorum.seats) == (2, 3, 0b111) and not caplog.records
         assert judges_of(organization)[kind] == "OracleCommittee"
-        calls, committee = client.committee_calls(), client.deployment.address("OracleCommittee")
+        calls, committee = client.judge_calls.committee(), client.deployment.address("OracleCommittee")
         organization.send(organization.operator, calls.set_quorum(kind, 2, 2, 0, 0b011))
         changed, bert, key = (
-            client.quorum(kind),
+            client.judges.quorum(kind),
             keystores.address(site, "bert-device"),
             keys.Key(b"\x07" * 32),
         )
@@ -200,7 +203,7 @@ def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest
         organization.send(organization.operator, calls.change_key(bert, key.address, *agreed))
         block = client.w3.eth.block_number
         organization.deploy()
-        assert client.quorum(kind) == changed and client.seat(bert) is None
+        assert client.judges.quorum(kind) == changed and client.judges.seat(bert) is None
         assert client.w3.eth.block_number == block
         assert f"2 of 2 oracles judge {kind} on chain, and 2 of 3 in the site file" in caplog.text
 
@@ -224,8 +227,8 @@ def test_rulings_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> Non
         client, (kind, *_) = organization.client, kinds_of(site)
         deployment, disputes = client.deployment, client.deployment.address("DisputeJudge")
         assert judges_of(organization)[kind] == "DisputeJudge"
-        assert not client.has_role(Role.ORACLE, organization.oracle.address)
-        assert client.instances(kind) == [
+        assert not client.rules.has_role(Role.ORACLE, organization.oracle.address)
+        assert client.judges.instances(kind) == [
             Instance(
                 deployment.address("OracleCommittee"),
                 600,
@@ -235,15 +238,15 @@ def test_rulings_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> Non
             ),
             Instance(deployment.address("DisputeCommittee"), 0, 900, 0, 0),
         ]
-        assert [client.stake(seat) for seat in range(3)] == [IEC.to_units(Decimal(5))] * 2 + [0]
-        assert client.balance(disputes) == IEC.to_units(Decimal(10))
-        quorum = client.quorum(kind, "DisputeCommittee")
+        assert [client.judges.stake(seat) for seat in range(3)] == [IEC.to_units(Decimal(5))] * 2 + [0]
+        assert client.token.balance(disputes) == IEC.to_units(Decimal(10))
+        quorum = client.judges.quorum(kind, "DisputeCommittee")
         assert (quorum.votes, quorum.panel, quorum.seats) == (3, 3, 0b111)
         alice = keystores.address(site, "alice")
-        assert client.seat(alice, "DisputeCommittee") is not None and client.seat(alice) is None
+        assert client.judges.seat(alice, "DisputeCommittee") is not None and client.judges.seat(alice) is None
         assert deployment.committees == ["OracleCommittee", "DisputeCommittee"]
         assert view(client, "DisputeJudge", "longestCase", kind_to_bytes32(kind)) == 600 + 900
-        assert client.kind(kind).min_verdict_window == 600 + 900 + site.oracle.verdict_within_s
+        assert client.rules.kind(kind).min_verdict_window == 600 + 900 + site.oracle.verdict_within_s
         block = client.w3.eth.block_number
         organization.deploy()
         assert client.w3.eth.block_number == block
@@ -254,11 +257,11 @@ def test_rulings_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> Non
                 threading.Event(),
             )
         # Without the table, the oracles' word is final again; the contracts stay.
-        number, installed = client.kind(kind).number, client.current_rules(kind)
+        number, installed = client.rules.kind(kind).number, client.rules.current_rules(kind)
         contracts.run(without, threading.Event())
-        assert judges_of(organization)[kind] == "OracleCommittee" and client.kind(kind).number > number
-        assert client.current_rules(kind) == installed
-        assert client.judge_numbered(number) == disputes  # of tasks that were posted before
+        assert judges_of(organization)[kind] == "OracleCommittee" and client.rules.kind(kind).number > number
+        assert client.rules.current_rules(kind) == installed
+        assert client.judges.numbered(number) == disputes  # of tasks that were posted before
 
 
 @pytest.mark.long
@@ -288,18 +291,20 @@ def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
         organization.deploy()
         client, (kind, *_) = organization.client, kinds_of(site)
         address, iec = client.deployment.address, IEC.to_units
-        assert client.instances(kind) == [
+        assert client.judges.instances(kind) == [
             Instance(address("OracleCommittee"), 600, 0, iec(Decimal(20)), iec(Decimal(5))),
             Instance(address("DisputeCommittee"), 700, 900, iec(Decimal(30)), iec(Decimal(4))),
             Instance(address("AppealCommittee"), 0, 800, 0, 0),
         ]
-        quorum = client.quorum(kind, "AppealCommittee")
+        quorum = client.judges.quorum(kind, "AppealCommittee")
         assert (quorum.votes, quorum.panel, quorum.seats) == (3, 3, 0b111)
         # The judges of challenges can be overturned now, and have a stake, too.
-        assert [client.stake(seat, "DisputeCommittee") for seat in range(3)] == [iec(Decimal(4))] * 2 + [0]
-        assert client.stake(0) == iec(Decimal(5)) and client.stake(0, "AppealCommittee") == 0
+        assert [client.judges.stake(seat, "DisputeCommittee") for seat in range(3)] == [
+            iec(Decimal(4))
+        ] * 2 + [0]
+        assert client.judges.stake(0) == iec(Decimal(5)) and client.judges.stake(0, "AppealCommittee") == 0
         shortest_s = 600 + 900 + 700 + 800 + site.oracle.verdict_within_s
-        assert client.kind(kind).min_verdict_window == shortest_s
+        assert client.rules.kind(kind).min_verdict_window == shortest_s
         block = client.w3.eth.block_number
         organization.deploy()
         assert client.w3.eth.block_number == block
@@ -322,9 +327,11 @@ def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_
         organization.deploy()
         client = organization.client
         disputes = client.deployment.address("DisputeJudge")
-        assert client.stake(0) == client.balance(disputes) == IEC.to_units(wanted.judge_stake_iec)
+        assert (
+            client.judges.stake(0) == client.token.balance(disputes) == IEC.to_units(wanted.judge_stake_iec)
+        )
         (kind, *_) = kinds_of(site)
-        assert client.instances(kind)[0].judge_stake == client.stake(0)
+        assert client.judges.instances(kind)[0].judge_stake == client.judges.stake(0)
 
 
 @pytest.mark.long
@@ -350,8 +357,8 @@ def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
         organization = Organization(site)
         organization.deploy()
         (kind, *_) = kinds_of(site)
-        assert organization.client.stake(0) == 0
-        assert organization.client.instances(kind)[0].judge_stake > 0
+        assert organization.client.judges.stake(0) == 0
+        assert organization.client.judges.instances(kind)[0].judge_stake > 0
         assert "the stakes of 1 judges take" in caplog.text
 
 
@@ -378,10 +385,10 @@ def test_an_organization_is_not_founded_without_its_judges(tmp_path: Path) -> No
             patch.setenv(keystores.key_variable("alice"), "0x" + "0a" * 32)
             organization.deploy()
         client = organization.client
-        assert client.decision_delay_s() == 60 and {judges_of(organization)[one] for one in judged} == {
+        assert client.decisions.delay_s() == 60 and {judges_of(organization)[one] for one in judged} == {
             "DisputeJudge"
         }
-        assert client.seat(alice.address, "DisputeCommittee") is not None
+        assert client.judges.seat(alice.address, "DisputeCommittee") is not None
 
 
 def test_disputes_are_not_added_to_an_organization_that_has_none(organization: Organization) -> None:
@@ -400,7 +407,7 @@ def test_installed_rules_that_were_retired_stay_so(
     organization: Organization, caplog: pytest.LogCaptureFixture
 ) -> None:
     client, (kind, *_) = organization.client, kinds_of(organization.site)
-    (installed,) = client.current_rules(kind)
+    (installed,) = client.rules.current_rules(kind)
     calls, other = client.organization_calls, bytes.fromhex("5e" * 32)
 
     def send(call: Call) -> None:
@@ -409,12 +416,12 @@ def test_installed_rules_that_were_retired_stay_so(
     send(calls.allow_kind(kind, client.deployment.address("OracleJudge"), other))
     send(calls.retire_rules(kind, installed))
     organization.deploy()
-    assert client.current_rules(kind) == [other]
+    assert client.rules.current_rules(kind) == [other]
     assert installed.hex() in caplog.text and f"rodeo organization kind {kind} --judge oracle" in caplog.text
     # A kind that is not allowed at all is allowed again, as the site file says, and needs rules.
     send(calls.disallow_kind(kind))
     organization.deploy()
-    assert client.current_rules(kind) == [installed]
+    assert client.rules.current_rules(kind) == [installed]
 
 
 def test_an_interrupted_deployment_goes_on_with_the_same_contracts(organization: Organization) -> None:
@@ -483,7 +490,7 @@ def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
         for account in accounts.values():
             w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": 10**19})
         contracts.run(site, threading.Event())
-        assert Organization(site).client.is_kind_allowed(site.kinds[0].name)
+        assert Organization(site).client.rules.is_kind_allowed(site.kinds[0].name)
 
 
 @pytest.mark.long

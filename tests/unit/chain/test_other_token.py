@@ -57,9 +57,9 @@ def test_an_organization_pays_with_the_token_of_the_site_file(chain: Site, w3: W
         6,
         True,
     )
-    assert client.terms() == Terms(20_500_000, 1, 3)
-    assert client.budget(Role.OPERATOR).amount == 100_250_000
-    assert client.total_supply() == 0, "nothing is minted"
+    assert client.rules.terms() == Terms(20_500_000, 1, 3)
+    assert client.rules.budget(Role.OPERATOR).amount == 100_250_000
+    assert client.token.total_supply() == 0, "nothing is minted"
     deployment.verify(w3)
     for wanted in (chain, paying_with(chain, address, 8), paying_with(chain, create(w3, init_code(6)), 6)):
         block = w3.eth.block_number

@@ -74,7 +74,7 @@ class Life:
 
     def prepare(self) -> None:
         organization, calls = self.organization, self.organization.client.organization_calls
-        seats = self.organization.client.committee_calls()
+        seats = self.organization.client.judge_calls.committee()
         oracles, auditors = self.judges
         for call in (
             calls.set_terms(Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(4)), 4)),
@@ -142,11 +142,11 @@ class Life:
     def post(self) -> None:
         reward = self.random.choice([30, 60, 100])
         client, request = self.organization.client, self.organization.request(reward)
-        services = range(1, client.service_count() + 1)
+        services = range(1, client.services.count() + 1)
         if services and self.random.random() < 0.1:
             request = replace(request, service_id=self.random.choice(services))
         elif services and self.random.random() < 0.1:
-            named = client.service(self.random.choice(services))
+            named = client.services.service(self.random.choice(services))
             if named.state is not ServiceState.RETIRED:
                 request = replace(request, provider=named.provider)
         call = client.organization_calls.register_task(request)
@@ -161,7 +161,7 @@ class Life:
     def offer(self) -> None:
         price = IEC.to_units(Decimal(self.random.choice([20, 50, 80])))
         client = self.organization.client
-        services = {one + 1: client.service(one + 1) for one in range(client.service_count())}
+        services = {one + 1: client.services.service(one + 1) for one in range(client.services.count())}
         idle = [one for one, known in services.items() if known.state is not ServiceState.RETIRED]
         idle = [one for one in idle if services[one].task_id == 0]
         if len(idle) > 3:  # a provider may not have many
@@ -184,7 +184,7 @@ class Life:
         locked = [i for i in over if services[i].bond]
         if len(services) - len(over) + len(locked) < 8:
             return True
-        if not locked or not self._pass_to(client.bonds_locked_until(robot.address)):
+        if not locked or not self._pass_to(view(client, "Providers", "lockedUntil", robot.address)):
             return False
         price = services[locked[0]].price
         self.organization.send(robot, client.calls.update_service(locked[0], price, ServiceState.RETIRED))
@@ -193,7 +193,7 @@ class Life:
     def _wake_up(self) -> bool:
         """Whether the robot is awake, or could wake up."""
         client = self.organization.client
-        until_s = client.asleep_until(self.organization.robot.address)
+        until_s = view(client, "Providers", "asleepUntil", self.organization.robot.address)
         if not self._pass_to(until_s):
             return False
         if until_s:
@@ -202,8 +202,8 @@ class Life:
 
     def update(self) -> None:
         client = self.organization.client
-        for service_id in self._shuffled(client.service_count()):
-            service = client.service(service_id)
+        for service_id in self._shuffled(client.services.count()):
+            service = client.services.service(service_id)
             if service.state in (ServiceState.ACTIVE, ServiceState.PAUSED):
                 state = self.random.choice([ServiceState.ACTIVE, ServiceState.PAUSED, ServiceState.RETIRED])
                 if state is ServiceState.ACTIVE and not self._wake_up():
@@ -215,7 +215,7 @@ class Life:
     def accept(self) -> None:
         client = self.organization.client
         for task_id in self._tasks(TaskState.ASSIGNED):
-            task = client.task(task_id)
+            task = client.tasks.task(task_id)
             if not task.accepted:
                 self.organization.send(
                     self.organization.robot, client.calls.accept_task(task_id, task.attempt)
@@ -226,7 +226,7 @@ class Life:
         """In the grace period or after it."""
         client = self.organization.client
         for task_id in self._tasks(TaskState.ASSIGNED):
-            task = client.task(task_id)
+            task = client.tasks.task(task_id)
             since_s = self.random.choice([0, 61])
             if self._pass_to(task.deadline - task.execution_window + since_s):
                 call = client.calls.abandon_task(task_id, task.attempt)
@@ -243,7 +243,7 @@ class Life:
     def prove(self) -> None:
         client = self.organization.client
         for task_id in self._tasks(TaskState.ASSIGNED):
-            attempt = client.task(task_id).attempt
+            attempt = client.tasks.task(task_id).attempt
             call = client.calls.submit_proof(task_id, attempt, PROOF, "file:///proof.mcap")
             self.organization.send(self.organization.robot, call)
             return
@@ -251,22 +251,24 @@ class Life:
     def _end(self, task_id: int) -> int:
         """When the window of a running task ends."""
         client = self.organization.client
-        standing = client.standing(task_id)
-        return standing.until if standing.until else client.task(task_id).deadline
+        standing = client.tasks.standing(task_id)
+        return standing.until if standing.until else client.tasks.task(task_id).deadline
 
     def judge(self) -> None:
         """The oracle rules, or passes the case on; an auditor rules where it judges alone."""
         client, judges = self.organization.client, self.judges
         for task_id in self._tasks(TaskState.SUBMITTED):
             ruling = self.random.choice([*Ruling, Ruling.NONE])
-            number = client.task(task_id).kind_id
-            by_auditors = client.judge_numbered(number) == judges[1] or client.is_judge_removed(number)
+            number = client.tasks.task(task_id).kind_id
+            by_auditors = client.judges.numbered(number) == judges[1] or view(
+                client, "TaskManager", "isRemoved", number
+            )
             if by_auditors:
                 found = self._found(task_id, ruling or Ruling.REJECTED)
-                call = client.auditor_calls.rule(found, "file:///report.json")
+                call = client.judge_calls.auditor.rule(found, "file:///report.json")
                 self.organization.send(self.organization.operator, call)
             else:
-                call = client.oracle_calls.rule(self._found(task_id, ruling), "file:///report.json")
+                call = client.judge_calls.oracle.rule(self._found(task_id, ruling), "file:///report.json")
                 self.organization.send(self.organization.oracle, call)
             return
 
@@ -274,18 +276,18 @@ class Life:
         client = self.organization.client
         for task_id in self._tasks(TaskState.RULED):
             found = self._found(task_id, self.random.choice([Ruling.REJECTED, Ruling.ACCEPTED]))
-            judge, uri = client.judge_numbered(client.task(task_id).kind_id), "file:///audit.json"
-            if client.is_judge_removed(client.task(task_id).kind_id):
-                call = client.auditor_calls.rule(found, uri)
-            elif client.task(task_id).deadline < self.clock.now_s:
+            judge, uri = client.judges.numbered(client.tasks.task(task_id).kind_id), "file:///audit.json"
+            if view(client, "TaskManager", "isRemoved", client.tasks.task(task_id).kind_id):
+                call = client.judge_calls.auditor.rule(found, uri)
+            elif client.tasks.task(task_id).deadline < self.clock.now_s:
                 continue  # nobody has passed it on
             else:
-                call = client.auditor_calls.rule_for(judge, found, uri)
+                call = client.judge_calls.auditor.rule_for(judge, found, uri)
             self.organization.send(self.organization.operator, call)
             return
 
     def _found(self, task_id: int, ruling: Ruling) -> Finding:
-        task = self.organization.client.task(task_id)
+        task = self.organization.client.tasks.task(task_id)
         amount = self.random.randint(1, task.price) if ruling is Ruling.ACCEPTED else 0
         fault = self.random.choice([*Fault]) if ruling is Ruling.VOID else Fault.NOBODY
         return Finding(task_id, task.attempt, PROOF, REPORT, bytes(32), ruling, fault, amount, "looked at it")
@@ -302,12 +304,12 @@ class Life:
             self.organization.send(self.organization.operator, end(task_id))
 
     def _is(self, task_id: int, state: TaskState) -> bool:
-        return self.organization.client.task(task_id).state is state
+        return self.organization.client.tasks.task(task_id).state is state
 
     def agree(self) -> None:
         client = self.organization.client
-        for service_id in self._shuffled(client.service_count()):
-            service = client.service(service_id)
+        for service_id in self._shuffled(client.services.count()):
+            service = client.services.service(service_id)
             if service.state is not ServiceState.RETIRED and not service.task_id:
                 self.organization.send(self.organization.robot, client.calls.agree(service_id))
                 return
@@ -315,7 +317,7 @@ class Life:
     def cancel(self) -> None:
         client = self.organization.client
         for task_id in self._tasks(TaskState.OPEN):
-            if client.task(task_id).creator == client.organization:
+            if client.tasks.task(task_id).creator == client.organization:
                 call = client.organization_calls.cancel_task(task_id)
                 self.organization.send(self.organization.operator, call)
                 return
@@ -331,17 +333,17 @@ class Life:
         self.organization.send(self.organization.operator, chosen)
         if self.random.random() < 0.3:
             robot = self.organization.robot.address
-            vouched = calls.vouch_for(robot, not client.is_proven(robot))
+            vouched = calls.vouch_for(robot, not client.services.is_proven(robot))
             self.organization.send(self.organization.operator, vouched)
         if self.random.random() < 0.2:
-            number = client.kind(KIND).number
+            number = client.rules.kind(KIND).number
             self.organization.send(self.organization.operator, calls.remove_judge(number))
             self.organization.send(self.organization.operator, calls.allow_kind(KIND, oracles, PROOF))
             for task_id in self._tasks(TaskState.RULED):
-                if client.task(task_id).kind_id == number:
+                if client.tasks.task(task_id).kind_id == number:
                     self.organization.send(self.organization.operator, client.calls.conclude(task_id))
-        for service_id in self._shuffled(client.service_count()):
-            service = client.service(service_id)
+        for service_id in self._shuffled(client.services.count()):
+            service = client.services.service(service_id)
             if service.state is ServiceState.SUSPENDED and service.bond >= service.penalty:
                 self.organization.send(self.organization.operator, calls.reinstate_service(service_id))
                 return
@@ -351,7 +353,7 @@ class Life:
 
     def _tasks(self, *states: TaskState) -> list[int]:
         client = self.organization.client
-        return [i for i in self._shuffled(client.task_count()) if client.task(i).state in states]
+        return [i for i in self._shuffled(client.tasks.count()) if client.tasks.task(i).state in states]
 
     def _shuffled(self, count: int) -> list[int]:
         return self.random.sample(range(1, count + 1), count)
@@ -478,17 +480,19 @@ def test_tasks_and_rulings_are_what_the_contracts_answer(lived: Lived) -> None:
     rules = {
         log.event.task_id: log.event.rules for log in logs if isinstance(log.event, events.TaskRegistered)
     }
-    assert list(rules) == list(range(1, client.task_count() + 1))
+    assert list(rules) == list(range(1, client.tasks.count() + 1))
     for task_id in rules:
-        kept, row, found = client.task(task_id), index.tasks.get(task_id), indexed.task(task_id)
+        kept, row, found = client.tasks.task(task_id), index.tasks.get(task_id), indexed.task(task_id)
         assert row is not None
         if row["accepted"] is None:  # nobody has the task
             found = replace(found, accepted=kept.accepted)
         assert found == kept, task_id
-        standing = client.standing(task_id)
+        standing = client.tasks.standing(task_id)
         assert (indexed.standing(task_id) or replace(standing, until=0)) == standing, task_id
         passed = [(one["provider"], one["gave_up"]) for one in row["passed"]]
-        providers = [(client.service(one).provider, gave_up) for one, gave_up in client.passed(task_id)]
+        providers = [
+            (client.services.service(one).provider, gave_up) for one, gave_up in client.tasks.passed(task_id)
+        ]
         assert passed == providers[::-1], task_id
         assert row["rules_sha256"] == "0x" + rules[task_id].hex(), task_id
         ended = row["ended"] is not None
@@ -504,7 +508,7 @@ def test_tasks_and_rulings_are_what_the_contracts_answer(lived: Lived) -> None:
 def test_services_providers_and_bonds_are_what_the_contracts_answer(lived: Lived) -> None:
     life, _, indexed = lived
     client, index = life.organization.client, indexed.index
-    services = {i: client.service(i) for i in range(1, client.service_count() + 1)}
+    services = {i: client.services.service(i) for i in range(1, client.services.count() + 1)}
     for i, service in services.items():
         found = indexed.service(i)
         if not (service.state is not ServiceState.RETIRED or service.task_id or service.bond):
@@ -513,21 +517,21 @@ def test_services_providers_and_bonds_are_what_the_contracts_answer(lived: Lived
     assert any(service.completed + service.rejected + service.expired for service in services.values())
     assert all(service.reputation != 32 for service in services.values())
 
-    tasks = [client.task(i) for i in range(1, client.task_count() + 1)]
+    tasks = [client.tasks.task(i) for i in range(1, client.tasks.count() + 1)]
     ruled = [(i, task) for i, task in enumerate(tasks, 1) if task.state is TaskState.RULED]
     for i in services:
         row = index.services.get(i)
         assert row is not None
-        waits = sum(client.standing(one).penalty for one, task in ruled if task.service_id == i)
+        waits = sum(client.tasks.standing(one).penalty for one, task in ruled if task.service_id == i)
         assert row["set_aside"] == waits, i
 
     robot, operator = life.organization.robot.address, life.organization.operator.address
-    provider, proven = index.services.providers()[robot], client.is_proven(robot)
+    provider, proven = index.services.providers()[robot], client.services.is_proven(robot)
     assert (provider["earned"] or provider["vouched"]) == proven
     rests_until = provider["rests_until"] or 0
     until = (provider["asleep_until"] or 0) if proven else rests_until * (rests_until > indexed.now_s)
-    assert client.asleep_until(robot) == until
-    assert client.bonds_locked_until(robot) == (provider["bond_locked_until"] or 0)
+    assert view(client, "Providers", "asleepUntil", robot) == until
+    assert view(client, "Providers", "lockedUntil", robot) == (provider["bond_locked_until"] or 0)
     assert index.services.payouts() == {operator: robot}
     assert {one: view(client, "Providers", "payoutOf", one) for one in (robot, operator)} == (
         {robot: robot, operator: robot}
@@ -539,7 +543,7 @@ def test_services_providers_and_bonds_are_what_the_contracts_answer(lived: Lived
 
     rewards = sum(task.reward for task in tasks if task.state in (TaskState.OPEN, *LIVE))
     bonds = sum(service.bond for service in services.values())
-    bonds += sum(client.standing(one).penalty for one, _ in ruled)
+    bonds += sum(client.tasks.standing(one).penalty for one, _ in ruled)
     assert index.money.balances()[client.task_manager] == rewards + bonds + sum(index.money.owed().values())
 
 
@@ -548,30 +552,39 @@ def test_the_organization_is_what_the_contracts_answer(lived: Lived) -> None:
     life, _, indexed = lived
     client, index = life.organization.client, indexed.index
     seated = {row["key"]: (row["owner"], row["seat"]) for row in index.rules.judges()}
-    seats = {key: client.seat(key) for key in JUDGES}
+    seats = {key: client.judges.seat(key) for key in JUDGES}
     assert seated == {key: (seat.owner, seat.number) for key, seat in seats.items() if seat}
-    assert seated.keys() == {JUDGES[0], JUDGES[2]} and client.quorum(KIND) == indexed.quorum(KIND)
-    assert client.device(DEVICE) == indexed.device(DEVICE)
+    assert seated.keys() == {JUDGES[0], JUDGES[2]} and client.judges.quorum(KIND) == indexed.quorum(KIND)
+    assert client.devices.device(DEVICE) == indexed.device(DEVICE)
     (root,), _ = index.rules.roots(None, Page(10))
-    assert (root["device"], root["day"], root["root"]) == (DEVICE, 0, "0x" + client.root(DEVICE, 0).hex())
+    assert (root["device"], root["day"], root["root"]) == (
+        DEVICE,
+        0,
+        "0x" + view(client, "DeviceRegistry", "rootOf", DEVICE, 0).hex(),
+    )
     for row in index.rules.all_kinds():
         kind = row["kind"]
-        assert client.kind(kind) == indexed.kind(kind)
-        assert client.judge_numbered(row["number"]) == index.rules.numbers()[row["number"]]["judge"]
-        assert ["0x" + one.hex() for one in client.current_rules(kind)] == index.rules.of(kind)
-    assert client.terms() == indexed.terms()
-    assert client.members_only() == index.rules.setting("members_only")
-    assert (client.policy(), client.auditors()) == (
+        assert client.rules.kind(kind) == indexed.kind(kind)
+        assert client.judges.numbered(row["number"]) == index.rules.numbers()[row["number"]]["judge"]
+        assert ["0x" + one.hex() for one in client.rules.current_rules(kind)] == index.rules.of(kind)
+    assert client.rules.terms() == indexed.terms()
+    assert view(client, "Organization", "membersOnly") == index.rules.setting("members_only")
+    assert (client.rules.policy(), client.judges.auditors()) == (
         index.rules.setting("policy"),
         index.rules.setting("auditors"),
     )
     for role in (Role.OPERATOR, Role.TREASURER):
-        kept, budget = client.budget(role), index.rules.setting(f"budget {role}")
+        kept, budget = client.rules.budget(role), index.rules.setting(f"budget {role}")
         assert (IEC.text(kept.amount), kept.period) == (budget["amount_iec"], budget["period_s"])
-    assert index.rules.setting("paused_until_s") == 0 and GENESIS_S <= client.paused_until() <= indexed.now_s
+    assert (
+        index.rules.setting("paused_until_s") == 0
+        and GENESIS_S <= view(client, "Organization", "pausedUntil") <= indexed.now_s
+    )
     roles = {(role, account) for role, accounts in index.rules.roles().items() for account in accounts}
     accounts = {account for _, account in roles} | set(index.money.balances())
-    held = {(role.value, account) for role in Role for account in accounts if client.has_role(role, account)}
+    held = {
+        (role.value, account) for role in Role for account in accounts if client.rules.has_role(role, account)
+    }
     assert held == {(role, account) for role, account in roles if role in list(Role)}
     for account in accounts:
-        assert client.balance(account) == index.money.balance(account), account
+        assert client.token.balance(account) == index.money.balance(account), account

@@ -42,18 +42,18 @@ def test_a_judge_that_was_named_on_chain_stays_unless_it_is_a_machine_for_people
         judges = {KIND: address("AuditorJudge"), people: address("OracleJudge")}
         for kind, judge in judges.items():
             organization.send(organization.operator, calls.allow_kind(kind, judge, bytes(32)))
-        before = {kind: client.kind(kind).number for kind in judges}
-        now = {one.name: getattr(client.kind(KIND), one.name) for one in fields(Windows)}
+        before = {kind: client.rules.kind(kind).number for kind in judges}
+        now = {one.name: getattr(client.rules.kind(KIND), one.name) for one in fields(Windows)}
         audited = calls.set_windows(
-            KIND, Windows(**now | {"audit_window": 3600}), client.reference_price(KIND)
+            KIND, Windows(**now | {"audit_window": 3600}), client.rules.reference_price(KIND)
         )
         organization.send(organization.operator, audited)
         organization.deploy()
-        assert client.kind(KIND).number == before[KIND] and client.kind(KIND).audit_window == 3600
+        assert client.rules.kind(KIND).number == before[KIND] and client.rules.kind(KIND).audit_window == 3600
         assert f"judges {KIND} on chain" in caplog.text
         # The oracle has no checks for what people do.
-        assert client.kind(people).number > before[people]
-        assert client.judge_numbered(client.kind(people).number) == address("AuditorJudge")
+        assert client.rules.kind(people).number > before[people]
+        assert client.judges.numbered(client.rules.kind(people).number) == address("AuditorJudge")
         block = client.w3.eth.block_number
         organization.deploy()
         assert client.w3.eth.block_number == block  # nothing is left to say

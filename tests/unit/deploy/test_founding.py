@@ -82,13 +82,13 @@ def test_an_organization_takes_five_transactions_of_its_founder_and_the_next_one
     assert sent(site, w3) == 5
     client = Organization(site).client
     for name, kind in kinds_of(site).items():
-        rules = client.kind(name)
+        rules = client.rules.kind(name)
         windows = rules.min_window, rules.max_window, rules.grace
         assert windows == (*kind.windows_s, kind.grace_period_s), name
-        price = client.reference_price(name)
+        price = client.rules.reference_price(name)
         assert price == site.economy.currency.to_units(kind.reference_price_iec) > 0, name
-    assert all(client.is_proven(keystores.address(site, robot.name)) for robot in site.robots)
-    assert not client.is_proven(keystores.address(site, "oracle"))
+    assert all(client.services.is_proven(keystores.address(site, robot.name)) for robot in site.robots)
+    assert not client.services.is_proven(keystores.address(site, "oracle"))
     second = another(site, tmp_path / "second")
     told(second)
     assert sent(second, w3) == 4
@@ -200,13 +200,13 @@ def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_l
         told(slow)
     there = ChainClient(slow.chain.url, Deployment.load(contracts.unfinished(slow), CHAIN_ID))
     # Until the end it is the founder's, as an organization without a delay is, and nobody else's.
-    assert there.administrator() == there.deployment.address("OrganizationTimelock")
-    assert there.decision_delay_s() == 0
+    assert there.rules.administrator() == there.deployment.address("OrganizationTimelock")
+    assert there.decisions.delay_s() == 0
     assert any("with a delay of 60 s" in one for one in told(slow))
     client = Organization(slow).client
-    assert client.organization == there.organization and client.decision_delay_s() == 60
-    assert all(client.is_kind_allowed(kind) for kind in kinds_of(slow))
-    assert client.pending_operations() == {}
+    assert client.organization == there.organization and client.decisions.delay_s() == 60
+    assert all(client.rules.is_kind_allowed(kind) for kind in kinds_of(slow))
+    assert client.decisions.pending() == {}
     done = sent(slow, w3)
     told(slow)
     assert sent(slow, w3) == done
@@ -256,14 +256,16 @@ def test_a_role_that_was_revoked_on_chain_is_not_given_back(
         lab.send(lab.operator, calls.revoke_role(role, account.address))
     lab.send(lab.operator, calls.vouch_for(lab.robot.address, False))
     told(site)
-    assert not lab.client.is_proven(lab.robot.address), "nor does the founding vouch again"
-    assert not lab.client.has_role(Role.ORACLE, lab.oracle.address)
-    assert not lab.client.has_role(Role.AUDITOR, lab.operator.address)
+    assert not lab.client.services.is_proven(lab.robot.address), "nor does the founding vouch again"
+    assert not lab.client.rules.has_role(Role.ORACLE, lab.oracle.address)
+    assert not lab.client.rules.has_role(Role.AUDITOR, lab.operator.address)
     assert f"ORACLE_ROLE of {lab.oracle.address} was revoked on chain" in caplog.text
     lab.send(lab.operator, calls.grant_role(Role.AUDITOR, lab.operator.address))
     before = sent(site, lab.client.w3)
     told(site)
-    assert lab.client.has_role(Role.AUDITOR, lab.operator.address) and sent(site, lab.client.w3) == before
+    assert (
+        lab.client.rules.has_role(Role.AUDITOR, lab.operator.address) and sent(site, lab.client.w3) == before
+    )
 
 
 @pytest.mark.long
@@ -278,7 +280,7 @@ def test_a_record_of_another_chain_is_replaced_by_that_of_what_is_there(site: Si
 @pytest.mark.long
 def test_another_site_file_of_the_same_founder_founds_another_organization(site: Site) -> None:
     told(site)
-    before, supply = record(site), Organization(site).client.total_supply()
+    before, supply = record(site), Organization(site).client.token.total_supply()
     Deployment.path(site.data_dir, CHAIN_ID).unlink()
     economy = site.economy.model_copy(update={"supply_iec": site.economy.supply_iec + 1})
     changed = site.model_copy(update={"economy": economy})
@@ -287,7 +289,7 @@ def test_another_site_file_of_the_same_founder_founds_another_organization(site:
     assert after.contracts["TaskManager"] != before.contracts["TaskManager"]
     listed = Registry(connect(site.chain.url), registry.known_address()).organizations()
     assert [one.number for one in listed] == [0, 1]
-    assert Organization(changed).client.total_supply() == supply + 10**18
+    assert Organization(changed).client.token.total_supply() == supply + 10**18
 
 
 @pytest.mark.long

@@ -252,7 +252,7 @@ def test_a_duty_that_fails_keeps_nobody_from_the_others(
 def test_why_a_transaction_failed_is_asked_again_for_a_while(
     cured: bool, robot: Robot, other: Callable[[], Any]
 ) -> None:
-    most = robot.client.balance(robot.account.address) * 2 // 3
+    most = robot.client.token.balance(robot.account.address) * 2 // 3
     submit = robot.transactions.orders.submit
     first, second = (submit(robot.order(most, request)) for request in ("first", "second"))
     robot.chain.node.fault = lambda method, params, answer: (

@@ -51,7 +51,7 @@ class Members(Office):
         number = self.propose(command, request, f"as of {self.now_s}", who="alice")
         self.now_s += 10
         for member in MEMBERS:
-            if self.client.votes(self.names.keys[member]):
+            if self.client.decisions.votes(self.names.keys[member]):
                 self.command(member, "cast_vote", proposal=number, support="for")
         self.now_s += PERIOD_S
         self.command("carla", "queue_proposal", proposal=number)
@@ -80,7 +80,7 @@ class Members(Office):
         return found
 
     def owns(self, who: str) -> int:
-        return self.client.balance(self.names.addresses.get(who, who))
+        return self.client.token.balance(self.names.addresses.get(who, who))
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +244,7 @@ def test_what_the_treasury_lacks_is_paid_when_it_is_there_and_keeps_nobody_else_
     number = members.open("carla", REPAIRS, amount_iec="900")
     members.cast("alice", number, **{"carla": 9, REPAIRS: 1})
     members.now_s += DURATION_S
-    treasury = members.client.balance(members.client.organization)
+    treasury = members.client.token.balance(members.client.organization)
     left = str(members.client.currency.from_units(treasury - 500 * 10**18))
     members.command("organization", "withdraw", to="bob", amount_iec=left)
     with pytest.raises(InsufficientFunds) as lacking:

@@ -10,8 +10,8 @@ import pytest
 from eth_utils import to_checksum_address
 
 from rodeo.chain import artifacts
-from rodeo.chain.calls import Calls, OrganizationCalls
-from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
+from rodeo.chain.calls import Calls, JudgeCalls, OrganizationCalls
+from rodeo.chain.contract_calls import DisputeJudgeCalls
 from rodeo.chain.contracts.abi import Windows
 from rodeo.chain.deployment import Deployment
 from rodeo.commands.desk import Desk
@@ -68,13 +68,12 @@ def called(
         deployment=deployment,
         calls=Calls(deployment),
         organization_calls=OrganizationCalls(deployment),
-        oracle_calls=RoleJudgeCalls(deployment, "OracleJudge"),
-        auditor_calls=RoleJudgeCalls(deployment, "AuditorJudge"),
-        dispute_calls=DisputeJudgeCalls(deployment),
-        committee_calls=lambda: CommitteeJudgeCalls(deployment, "OracleCommittee"),
+        judge_calls=JudgeCalls(deployment),
         currency=IEC,
-        quorum=lambda _kind, _committee="": SimpleNamespace(votes=votes),
-        instances=lambda _kind: [SimpleNamespace(stake=1)] * instances,
+        judges=SimpleNamespace(
+            quorum=lambda _kind, _committee="": SimpleNamespace(votes=votes),
+            instances=lambda _kind: [SimpleNamespace(stake=1)] * instances,
+        ),
     )
     rules: Any = SimpleNamespace(
         numbers=lambda: numbers,

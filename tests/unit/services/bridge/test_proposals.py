@@ -32,6 +32,7 @@ from rodeo.signing import keystores, wallets
 from rodeo.site.config import GovernanceConfig, ParticipantConfig
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, Organization, founded, running_chain
+from tests.support.views import view
 
 DELAY_S = 3600
 TERMS = {"bond_iec": "3", "penalty_iec": "1", "max_failures": 2}
@@ -74,7 +75,7 @@ def test_what_the_administrator_proposes_is_seen_by_all_and_done_by_anybody_afte
     office.now_s += DELAY_S + 1
     assert office.state(first) == "ready"
     office.command("alice", "execute_proposal", proposal=first)
-    assert office.client.terms().bond == 3 * 10**18
+    assert office.client.rules.terms().bond == 3 * 10**18
     assert (office.state(first), office.state(second)) == ("executed", "ready")
     with pytest.raises(UnexpectedProposalState):
         office.command("organization", "cancel_proposal", proposal=first)
@@ -141,19 +142,19 @@ def test_the_administrator_hands_over_and_changes_the_delay_by_proposals_only(of
     last = office.propose("set_members_only", {"enabled": True}, who="alice")
     office.now_s += 61
     office.command("organization", "execute_proposal", proposal=last)
-    assert office.client.members_only()
+    assert view(office.client, "Organization", "membersOnly")
     back = office.propose("hand_over", {"account": "organization"}, who="alice")
     slower = office.propose("set_delay", {"delay_s": DELAY_S}, who="alice")
     office.now_s += 61
     for number in (back, slower):
         office.command("alice", "execute_proposal", proposal=number)
     assert office.index.rules.roles()["PROPOSER_ROLE"] == [keys["organization"]]
-    assert office.client.decision_delay_s() == DELAY_S
+    assert office.client.decisions.delay_s() == DELAY_S
 
 
 def test_a_proposal_that_cannot_be_carried_out_stays_and_says_why(office: Office) -> None:
     number = office.propose(
-        "revoke_role", {"role": "administrator", "account": office.client.administrator()}
+        "revoke_role", {"role": "administrator", "account": office.client.rules.administrator()}
     )
     office.now_s += DELAY_S + 1
     with pytest.raises(ContractReverted) as refused:
@@ -218,7 +219,7 @@ def test_what_is_scheduled_past_the_bridge_is_listed_too_with_the_calls_beside_i
     for number in (last, last + 1, last + 2):
         office.command("alice", "execute_proposal", proposal=number)
     assert [one["state"] for one in office.proposals()[:3]] == ["executed"] * 3
-    assert client.has_role(Role.TREASURER, alice)
+    assert client.rules.has_role(Role.TREASURER, alice)
     assert office.index.rules.roles()["PROPOSER_ROLE"] == [office.names.keys["organization"]]
 
 

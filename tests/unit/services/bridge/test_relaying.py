@@ -111,11 +111,13 @@ def token(name: str, version: str) -> Any:
     return SimpleNamespace(
         deployment=DEPLOYMENT,
         task_manager=CONTRACT,
-        token_name=lambda: name,
-        permit_nonce=lambda _owner: 0,
-        permit_domain=lambda: separator,
-        allowance=lambda *_: 0,
-        is_request_nonce_used=lambda *_: False,
+        token=SimpleNamespace(
+            name=lambda: name,
+            permit_nonce=lambda _owner: 0,
+            permit_domain=lambda: separator,
+            allowance=lambda *_: 0,
+        ),
+        tasks=SimpleNamespace(is_request_nonce_used=lambda *_: False),
         calls=SimpleNamespace(register_task_for=lambda *_: None),
     )
 
@@ -164,13 +166,13 @@ def test_a_permit_is_sent_once_and_not_after_another_one_of_its_wallet() -> None
         ROBOT,
     )
     assert requests.calls(permit) == ["permit", "register"]
-    client.permit_nonce = lambda _owner: 1
+    client.token.permit_nonce = lambda _owner: 1
     with pytest.raises(NotSigned) as refused:
         requests.calls(permit)
     assert refused.value.details == {"owner": ROBOT.address, "signed_for_nonce": 0, "expected_nonce": 1}
-    client.allowance = lambda *_: 5
+    client.token.allowance = lambda *_: 5
     assert requests.calls(permit) == ["register"]
-    client.allowance, client.is_request_nonce_used = lambda *_: 4, lambda *_: True
+    client.token.allowance, client.tasks.is_request_nonce_used = lambda *_: 4, lambda *_: True
     assert requests.calls(permit) == ["register"]  # which fails, and nobody pays for a permit
 
 
@@ -213,7 +215,7 @@ def test_a_challenge_is_sent_with_the_permit_for_its_stake() -> None:
     assert (challenger, nonce, deadline) == (ROBOT.address, 5, 2_000_000_000)
     assert (against.judge, against.task_id, against.attempt, against.instance) == (JUDGE, 7, 2, 1)
     assert against.reason == "it is in the bin"
-    client.allowance = lambda owner, spender: 20 if (owner, spender) == (ROBOT.address, JUDGE) else 0
+    client.token.allowance = lambda owner, spender: 20 if (owner, spender) == (ROBOT.address, JUDGE) else 0
     assert len(requests.calls(signed_requests.sign(request, ROBOT))) == 1  # somebody has sent the permit
 
 

@@ -425,7 +425,7 @@ def test_a_refusal_before_sending_leaves_nothing_behind(robot: Robot) -> None:
 
 def test_what_is_mined_as_a_failure_says_which_contract_error_it_was(robot: Robot) -> None:
     """Each of two passes alone, together they are more than there is."""
-    most = robot.client.balance(robot.account.address) * 2 // 3
+    most = robot.client.token.balance(robot.account.address) * 2 // 3
     submit = robot.transactions.orders.submit
     first, second = (submit(robot.order(most, request)) for request in ("first", "second"))
     robot.outcome(first)
