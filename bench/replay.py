@@ -39,7 +39,8 @@ from rodeo.ros2.node import Node
 from rodeo.ros2.service import Client
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
-from rodeo.site.config import Site, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import robot_process
 from rodeo_testing.assignments import BINDING
 from tests.support.site import free_port
 

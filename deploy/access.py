@@ -29,8 +29,9 @@ from rodeo.ros2.definitions import dds_type
 from rodeo.runtime.serving import served_by
 from rodeo.signing.keystores import MOCAP_NAME
 from rodeo.site import topics
-from rodeo.site.config import BRIDGE, Site, body_identity, node_identity, robot_process
+from rodeo.site.config import Site
 from rodeo.site.minds import AGENT
+from rodeo.site.names import BRIDGE, body_identity, node_identity, robot_process
 from rodeo.site.processes import processes_of, ros_process
 from rodeo.site.ros_names import ros_name
 from rodeo.site.tls import OPERATOR

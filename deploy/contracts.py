@@ -41,8 +41,9 @@ from rodeo.judging import votes
 from rodeo.kinds import VERDICT_WINDOWS_S, Kind, kinds_of
 from rodeo.runtime.process import main
 from rodeo.signing import keystores, possession, wallets
-from rodeo.site.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
+from rodeo.site.config import Site
 from rodeo.site.deploying import Steps, deploying
+from rodeo.site.names import ORACLE, min_verdict_window_s, panel, votes_needed
 
 log = logging.getLogger(__name__)
 

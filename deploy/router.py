@@ -45,7 +45,7 @@ def run(site: Site, stop: threading.Event) -> None:
     with Process("router", site, stop, listen) as process:
         if warning := openness(site):
             log.warning("%s", warning)
-            process.warn(warning)
+            process.notices.warn(warning)
         process.ready()
         process.activity(f"routing at {site.bus.router}")
         stop.wait()

@@ -11,7 +11,7 @@ from rodeo.ros2 import types
 from rodeo.ros2.node import Node
 from rodeo.runtime.process import Process, main_of_one
 from rodeo.site import topics
-from rodeo.site.config import bin_process
+from rodeo.site.names import bin_process
 from rodeo.site.tls import bus_is_closed
 from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier

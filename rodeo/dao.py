@@ -44,7 +44,8 @@ from rodeo.evidence.seal import Binding
 from rodeo.judging.rulings import LOST_RACES, STATES, due_s
 from rodeo.kinds import Kind, kinds_of
 from rodeo.site import topics
-from rodeo.site.config import Site, oracle_names
+from rodeo.site.config import Site
+from rodeo.site.names import oracle_names
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount

@@ -24,7 +24,8 @@ from rodeo.bus.messages import Task
 from rodeo.charging.orders import costliest_iec
 from rodeo.errors import InvalidRequest, RodeoError
 from rodeo.lab.config import Pose2
-from rodeo.site.config import KindConfig, RateConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import KindConfig, RateConfig
 from rodeo.site.topics import ROBOT_STATE, Topic
 from rodeo.text.pydantic_words import wrong_fields
 

@@ -11,7 +11,8 @@ import typer
 from deploy.access import nodes_of
 from rodeo.errors import ConfigError
 from rodeo.host.files import replace_file, writing
-from rodeo.site.config import Site, node_identity
+from rodeo.site.config import Site
+from rodeo.site.names import node_identity
 from rodeo.site.tls import identity
 from rodeo_cli.common import DEFAULT_SITE, SiteOption, reports_errors, say
 

@@ -30,8 +30,9 @@ from rodeo.bus.session import Bus, heard_status
 from rodeo.errors import BusUnavailable, ConfigError, RodeoError, WrongBus
 from rodeo.host.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.site import topics
-from rodeo.site.config import Site, bridge_wallets, robot_process
+from rodeo.site.config import Site
 from rodeo.site.deploying import deployment_under_way
+from rodeo.site.names import bridge_wallets, robot_process
 from rodeo.site.processes import processes_of
 from rodeo.site.tls import OPERATOR, bus_is_closed, identity, openness
 from rodeo_cli.common import (

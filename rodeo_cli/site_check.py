@@ -27,19 +27,11 @@ from rodeo.lab.layout import (
     footprint,
     furniture_floor,
 )
-from rodeo.site.config import (
-    ANSWER_WALL_S,
-    BRIDGE,
-    ONE_HOST,
-    ORACLE,
-    STAKE_COVERS,
-    Site,
-    bridge_wallets,
-    check_environment,
-    faults,
-    placed,
-    read_tables,
-)
+from rodeo.site.config import Site, check_environment, read_tables
+from rodeo.site.faults import ONE_HOST, faults, placed
+from rodeo.site.file import ANSWER_WALL_S
+from rodeo.site.names import BRIDGE, ORACLE, bridge_wallets
+from rodeo.site.sections import STAKE_COVERS
 from rodeo.site.tls import openness
 from rodeo.text.site_problems import Place, close, dotted, explained
 from rodeo_cli.toml_lines import lines_of
@@ -193,7 +185,7 @@ def _demo(site: Site) -> Iterator[tuple[Place, str]]:
 
 def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
     """Where the wallets are spread over several bridges, but those that check each other are together. That
-    they are on one of [[bridges]] is refused (`rodeo.site.config`); they stay with the site's own because
+    they are on one of [[bridges]] is refused (`rodeo.site.faults`); they stay with the site's own because
     each of those is a robot's or another participant's."""
     together = {"organization", ORACLE} <= set(bridge_wallets(site)[BRIDGE])
     if site.bridges and together and not site.oracles:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from rodeo.lab.schedule import zone
 from rodeo.site.chance import generator
-from rodeo.site.config import ExperimentConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ExperimentConfig
 from rodeo_experiments.errors import ExperimentFailed
 
 _POISSON = "poisson:"

@@ -41,7 +41,8 @@ from rodeo.runtime.sim_clock import SimClock
 from rodeo.signing import wallets
 from rodeo.site import topics
 from rodeo.site.chance import generator
-from rodeo.site.config import ExperimentConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ExperimentConfig
 from rodeo.site.tls import OPERATOR, identity
 from rodeo_experiments.arrivals import day_begins_s
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace

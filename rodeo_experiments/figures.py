@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from rodeo.charging.tariff import prices
 from rodeo.lab.schedule import zone
-from rodeo.site.config import TariffConfig
+from rodeo.site.sections import TariffConfig
 from rodeo_experiments import paper
 from rodeo_experiments.results import Figures, median
 

@@ -18,7 +18,8 @@ from scipy.stats import t as student_t
 
 from rodeo.display.earnings import COLUMNS, cells, earnings
 from rodeo.lab.schedule import zone
-from rodeo.site.config import ExperimentConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ExperimentConfig
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
 from rodeo_experiments.results import Figures, Value, median, step_of

@@ -16,8 +16,9 @@ from rodeo.host.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
 from rodeo.site.chance import generator
-from rodeo.site.config import Site, TariffConfig, overrides, read_tables
+from rodeo.site.config import Site, overrides, read_tables
 from rodeo.site.endpoint import free_port
+from rodeo.site.sections import TariffConfig
 from rodeo.text.site_problems import toml
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear

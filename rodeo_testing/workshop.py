@@ -34,7 +34,8 @@ from rodeo.lab.body import joint_names
 from rodeo.lab.world import arm_model
 from rodeo.ros2.types import new
 from rodeo.site import topics
-from rodeo.site.config import KindConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import KindConfig
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.noise import HEAVY, losses, noisy
 from rodeo_testing.recordings import SIGNED, Sample, Take, Witnesses, seal, stamp

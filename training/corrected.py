@@ -39,7 +39,8 @@ from pydantic import ValidationError
 from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence.errors import BadAttestation
 from rodeo.kinds import kinds_of
-from rodeo.site.config import Site, bin_process
+from rodeo.site.config import Site
+from rodeo.site.names import bin_process
 from rodeo.vision.classification import (
     MODEL_DIR,
     PREPROCESSING,

@@ -47,7 +47,8 @@ from rodeo.access.errors import (
 from rodeo.access.roles import Role
 from rodeo.errors import DiskFull, InvalidRequest
 from rodeo.host.files import writing
-from rodeo.site.config import ConsoleConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ConsoleConfig
 
 
 def workers(site: Site) -> list[str]:

@@ -31,7 +31,7 @@ from rodeo.chain.views import (
     Views,
 )
 from rodeo.money.currency import Currency
-from rodeo.site.config import ChainConfig
+from rodeo.site.sections import ChainConfig
 
 _PAGE_BLOCKS = 2_000
 """Blocks whose events a node is asked for at once."""

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.lab.config import BatteryConfig, DockConfig
-from rodeo.site.config import RateConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import RateConfig
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """Not a string or a truth value: parameters go on chain as they came, and their readers count on numbers."""

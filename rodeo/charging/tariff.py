@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from decimal import Decimal
 from typing import TypeVar
 
-from rodeo.site.config import FromHour, RateConfig, TariffConfig
+from rodeo.site.sections import FromHour, RateConfig, TariffConfig
 
 _HOUR_S = 3600
 _DAY_S = 24 * _HOUR_S

@@ -27,6 +27,7 @@ _VERIFICATION = "rodeo.checks.verify"
 UNDECIDING = {
     "rodeo.checks.people": "no machine judges work with them",
     "rodeo.site.config": "a site's own settings",
+    "rodeo.site.sections": "their tables",
     "rodeo.evidence.store": "fetches bytes, whose hash is on chain",
     "rodeo.host.files": "writes files",
     "rodeo.bus.messages": "shapes of what is on chain, which every judge reads there",

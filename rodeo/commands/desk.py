@@ -20,7 +20,7 @@ from rodeo.errors import InvalidRequest
 from rodeo.evidence.store import Store
 from rodeo.kinds import Kinds
 from rodeo.money.currency import Currency
-from rodeo.site.config import EconomyConfig
+from rodeo.site.sections import EconomyConfig
 from rodeo.text.addresses import typed_address
 
 if TYPE_CHECKING:

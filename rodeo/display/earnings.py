@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from rodeo.bus.messages import Amount, Task
 from rodeo.bus.queries import Transaction
 from rodeo.charging.tariff import price_at
-from rodeo.site.config import TariffConfig
+from rodeo.site.sections import TariffConfig
 
 _ENERGY = "energy_wh"
 """Parameter of a task that sells energy: how much was ordered."""

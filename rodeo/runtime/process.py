@@ -6,7 +6,6 @@ import argparse
 import ctypes
 import faulthandler
 import logging
-import math
 import os
 import signal
 import threading
@@ -21,7 +20,7 @@ import zenoh
 
 from rodeo.bus.messages import Status
 from rodeo.bus.origin import check_bus, origin_of
-from rodeo.bus.session import Bus, Request
+from rodeo.bus.session import Bus
 from rodeo.errors import (
     BusUnavailable,
     ClockUnavailable,
@@ -29,7 +28,6 @@ from rodeo.errors import (
     Interrupted,
     KeystoreMissing,
     RodeoError,
-    ServedElsewhere,
 )
 from rodeo.host.clock import Clock, WallClock
 from rodeo.host.files import is_full
@@ -42,12 +40,12 @@ from rodeo.host.instance import (
     lock_instance,
     note_ending,
 )
-from rodeo.host.metrics import BUS_CONNECTED, NOT_READY, READY
+from rodeo.host.metrics import BUS_CONNECTED, READY
 from rodeo.runtime import disk, logs
-from rodeo.runtime.metrics_server import metrics_server
-from rodeo.runtime.serving import Claim, Holder, Rival, Thing
+from rodeo.runtime.presence import Presence
+from rodeo.runtime.serving import Claim, Rivals, Thing
 from rodeo.runtime.sim_clock import SimClock
-from rodeo.site import topics
+from rodeo.runtime.state import Notices, State
 from rodeo.site.config import Site
 from rodeo.site.minds import clock_holder
 from rodeo.site.tls import identity
@@ -64,12 +62,6 @@ CLOCK_OFF_S = 1.5
 """By more than this the clock of a process that keeps the wall's time must not be off it: the simulator stays
 within half a second, and the rest is a busy machine's."""
 
-
-STATUS_WALL_S = 0.1
-"""Wall time between two statuses of a process that does the same as before."""
-
-RIVAL_SHOWN_S = 600.0
-"""Wall time for which a process's state tells of another that wanted to serve the same."""
 
 _STANDING_LEASE_S = 60.0
 """Wall time for which a process that holds a simulated clock may stand still and is waited for."""
@@ -103,28 +95,18 @@ class Process:
         self._open_session = open_session
         self.bus: Bus
         self.clock: Clock
-        self._started_s = time.time()
-        self._ready = False
-        self._ready_until_s: float | None = None
-        self._reason = "starting"
-        self._activity = "starting"
-        self._progress: float | None = None
-        self._details: dict[str, Any] = {}
-        self._published_s = -math.inf
-        self._warnings: list[str] = []
+        self.notices = Notices()
+        folders = disk.written_folders(site, self.data_dir)
+        self.disk = disk.Disk(folders, site.disk.min_free_mb, self.stop, self.not_ready)
+        self._state = State()
         self._claim: Claim | None = None
-        self._rivals: dict[Holder, dict[Thing, float]] = {}
-        """Holders that wanted to serve the same, what, and when last (monotonic wall time)."""
+        self._rivals = Rivals()
         self._failure: RodeoError | None = None
-        self._concerns: dict[str, str] = {}
-        """Subject -> what an operator should know of it now."""
-        self._disk_problem = ""
-        self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
         self._instance = lock_instance(self.data_dir, PREDECESSOR_S, self.stop)
         forget_ending(self.data_dir)
-        self.look_at_disk()
+        self.disk.look()
         if self._open_session is not None:
             self.bus = Bus(self._open_session())
         else:
@@ -143,24 +125,15 @@ class Process:
             if self.site.clock.source == "wall"
             else SimClock(self.bus.session, self.site.bus.domain_id, self._holder(), starting=True)
         )
-        metrics = self.site.metrics
-        self._metrics = metrics_server(metrics.host, metrics.ports.get(self.name, 0), self.status)
-        self._metrics.start()
-        key = topics.STATUS.name(org=self.site.org, process=self.name)
-        self._alive = self.bus.session.liveliness().declare_token(
-            topics.ALIVE.name(org=self.site.org, process=self.name)
-        )
-        self._queryable = self.bus.serve(key, self._serve_status)
-        self._heartbeat = threading.Thread(target=self._beat, args=(key,), name="heartbeat", daemon=True)
-        self._heartbeat.start()
+        self._presence = Presence(self.name, self.site, self.bus, self.stop, self.status, self.disk.look)
+        self._presence.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop.set()
-        self._heartbeat.join(timeout=2 * HEARTBEAT_S)
-        self._metrics.close()
+        self._presence.close()
         if self._claim is not None:
             self._claim.close()
         self.bus.close()
@@ -185,27 +158,13 @@ class Process:
         """
 
         def wait(reason: str) -> None:
-            with self._lock:
-                said = self._reason == reason
-            if not said:
+            if self._state.not_ready(reason):
                 log.warning("%s", reason)
-            self.not_ready(reason)
 
         self._claim = Claim(self.bus.session, self.site.org, things, lambda: self.bus.connected)
         self._claim.take(self.stop, wait)
         self.not_ready("starting")
-        self._claim.watch(self._on_rival, self._on_lost)
-
-    def _on_rival(self, rival: Rival) -> None:
-        with self._lock:
-            wanted = self._rivals.setdefault(rival.holder, {})
-            new = rival.thing not in wanted
-            wanted[rival.thing] = time.monotonic()
-        if new:
-            log.warning("%s tries to serve %s, which is already served here", rival.holder, rival.thing)
-
-    def _on_lost(self, error: ServedElsewhere) -> None:
-        self.fail(error)
+        self._claim.watch(self._rivals.heard, self.fail)
 
     def _holder(self) -> tuple[str, str] | None:
         """How the simulator's clock knows this process, if it waits for it."""
@@ -240,126 +199,51 @@ class Process:
 
     def ready(self, lapses_s: float | None = None) -> None:
         """`lapses_s` (wall): how soon it must be said again, so that a process that hangs is not ready."""
-        with self._lock:
-            news = not self._ready
-            if news:
-                log.info("ready")
-            self._ready, self._reason = True, ""
-            self._ready_until_s = None if lapses_s is None else time.monotonic() + lapses_s
-            if self._activity == "starting":
-                self._activity = "idle"
-        if news:
+        if self._state.ready(lapses_s):
             if isinstance(self.clock, SimClock):
                 self.clock.started()
-            # Whoever waits for it need not wait for the next heartbeat.
-            self._publish_status()
+            self._presence.publish()
 
     def not_ready(self, reason: str) -> None:
-        with self._lock:
-            if self._ready or self._reason != reason:
-                log.info("not ready: %s", reason)
-            if self._ready:
-                NOT_READY.inc()
-            self._ready, self._reason = False, reason
+        self._state.not_ready(reason)
 
     def activity(self, text: str, progress: float | None = None, **details: Any) -> None:
         """Say what the process is doing, for the terminal and the console.
 
-        What is new is published at once, other details every STATUS_WALL_S at most: at a thousand times real
-        time a dock reads its meter, and says so, a thousand times a second.
+        What is new is published at once, other details now and then (`Presence.is_due`): at a thousand times
+        real time a dock reads its meter, and says so, a thousand times a second.
         """
-        with self._lock:
-            news = text != self._activity
-            if news:
-                log.info("%s", text)
-            self._activity, self._progress, self._details = text, progress, details
-            due = news or time.monotonic() - self._published_s >= STATUS_WALL_S
-        if due:
-            self._publish_status()
-
-    def warn(self, text: str) -> None:
-        """Show `text` wherever the process's state is shown, for as long as it runs."""
-        with self._lock:
-            self._warnings.append(text)
-
-    def concern(self, subject: str, text: str) -> None:
-        """Show `text` like `warn` until something else, or nothing, is said on the same subject."""
-        with self._lock:
-            self._concerns[subject] = text
-
-    @property
-    def disk_problem(self) -> str:
-        """Why nothing new should be written now; "" while there is room. Looked at with each heartbeat."""
-        return self._disk_problem
-
-    def look_at_disk(self) -> str:
-        """`disk_problem` as it is now."""
-        found = disk.problem(disk.written_folders(self.site, self.data_dir), self.site.disk.min_free_mb)
-        # What is measured changes with every message: once is enough for the log.
-        if bool(found) != bool(self._disk_problem):
-            log.warning("%s", found or "there is room on the disk again")
-        self._disk_problem = found
-        return found
-
-    def with_room(self, work: Callable[[], Result]) -> Result:
-        """What `work` returns; it is done again while the disk has no room for what it writes.
-
-        Raises Interrupted when stopped before.
-        """
-        while True:
-            try:
-                return work()
-            except Exception as error:
-                if not is_full(error):
-                    raise
-                log.error("waiting for room on the disk: %s", error)
-                self.not_ready(f"waiting for room on the disk: {error}")
-            # The threshold may be far above what is missing: `work` itself has to find out.
-            if self.stop.wait(HEARTBEAT_S):
-                raise Interrupted("stopped while waiting for room on the disk")
+        if self._state.activity(text, progress, details) or self._presence.is_due:
+            self._presence.publish()
 
     def status(self) -> Status:
         connected = self._open_session is not None or self.bus.connected
-        with self._lock:
-            reason = self._reason
-            if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
-                reason = "it hangs: its main loop has not reported in time"
-            if self._disk_problem:
-                reason = self._disk_problem
-            # What else is wrong may well come of it.
-            reason = "; ".join(filter(None, (self._clock_off(), reason)))
-            if not connected:
-                reason = f"no router at {self.site.bus.router}"
-            ready = self._ready and not reason
-            READY.set(ready)
-            BUS_CONNECTED.set(connected)
-            return Status(
-                process=self.name,
-                pid=os.getpid(),
-                ready=ready,
-                reason=redacted(reason),
-                metrics_url=self._metrics.url,
-                activity=redacted(self._activity),
-                progress=self._progress,
-                since_s=self._started_s,
-                time_s=time.time(),
-                details=redacted_json(self._details),
-                warnings=[
-                    *map(redacted, self._warnings),
-                    *map(redacted, filter(None, self._concerns.values())),
-                    *self._clock_warnings(),
-                    *self._rival_warnings(),
-                ],
-                origin=origin_of(self.site),
-            )
-
-    def _rival_warnings(self) -> list[str]:
-        since_s = time.monotonic() - RIVAL_SHOWN_S
-        texts = []
-        for holder, wanted in self._rivals.items():
-            if things := sorted(str(thing) for thing, heard_s in wanted.items() if heard_s > since_s):
-                texts.append(f"{holder} also tries to serve {', '.join(things)}")
-        return texts
+        said = self._state.now()
+        # What else is wrong may well come of the clock.
+        reason = "; ".join(filter(None, (self._clock_off(), self.disk.problem or said.reason)))
+        if not connected:
+            reason = f"no router at {self.site.bus.router}"
+        ready = said.ready and not reason
+        READY.set(ready)
+        BUS_CONNECTED.set(connected)
+        return Status(
+            process=self.name,
+            pid=os.getpid(),
+            ready=ready,
+            reason=redacted(reason),
+            metrics_url=self._presence.url,
+            activity=redacted(said.activity),
+            progress=said.progress,
+            since_s=self._state.started_s,
+            time_s=time.time(),
+            details=redacted_json(said.details),
+            warnings=[
+                *map(redacted, self.notices.texts()),
+                *self._clock_warnings(),
+                *self._rivals.warnings(),
+            ],
+            origin=origin_of(self.site),
+        )
 
     def _clock_off(self) -> str:
         """What keeps a process from being ready whose clock should be the wall's, and is not; else empty."""
@@ -378,18 +262,6 @@ class Process:
     def _clock_warnings(self) -> list[str]:
         warning = self.clock.warning() if isinstance(self.clock, SimClock) else ""
         return [warning] if warning else []
-
-    def _serve_status(self, _request: Request) -> dict[str, Any]:
-        return self.status().model_dump()
-
-    def _publish_status(self) -> None:
-        self._published_s = time.monotonic()
-        self.bus.put_json(topics.STATUS.name(org=self.site.org, process=self.name), self.status())
-
-    def _beat(self, key: str) -> None:
-        while not self.stop.wait(HEARTBEAT_S):
-            self.look_at_disk()
-            self.bus.put_json(key, self.status())
 
 
 def main(

@@ -22,8 +22,8 @@ import zenoh
 
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.site import topics
-from rodeo.site.config import (
-    Site,
+from rodeo.site.config import Site
+from rodeo.site.names import (
     bin_process,
     bridge_wallets,
     dock_process,
@@ -45,6 +45,9 @@ _WATCH_S = 5.0
 """The same once it serves: the router reports what happens, unless it was away."""
 
 _ANSWER_S = 5.0
+
+RIVAL_SHOWN_S = 600.0
+"""Wall time for which a process's state tells of another that wanted to serve the same."""
 
 CLAIMS, SERVES = "claims", "serves"
 
@@ -110,6 +113,33 @@ class Rival:
     thing: Thing
     serves: bool
     holder: Holder
+
+
+class Rivals:
+    """Others that wanted to serve the same, as far as they were heard of."""
+
+    def __init__(self) -> None:
+        self._heard_s: dict[Holder, dict[Thing, float]] = {}
+        """When each was heard of last (monotonic wall time)."""
+        self._lock = threading.Lock()
+
+    def heard(self, rival: Rival) -> None:
+        with self._lock:
+            wanted = self._heard_s.setdefault(rival.holder, {})
+            new = rival.thing not in wanted
+            wanted[rival.thing] = time.monotonic()
+        if new:
+            log.warning("%s tries to serve %s, which is already served here", rival.holder, rival.thing)
+
+    def warnings(self) -> list[str]:
+        """A text for each that was heard of in the last RIVAL_SHOWN_S."""
+        since_s = time.monotonic() - RIVAL_SHOWN_S
+        texts = []
+        with self._lock:
+            for holder, wanted in self._heard_s.items():
+                if things := sorted(str(thing) for thing, heard_s in wanted.items() if heard_s > since_s):
+                    texts.append(f"{holder} also tries to serve {', '.join(things)}")
+        return texts
 
 
 class Claim:

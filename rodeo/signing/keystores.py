@@ -23,7 +23,8 @@ from eth_utils import keccak, to_checksum_address
 
 from rodeo.errors import KeystoreMissing, WalletError
 from rodeo.signing.keys import Key
-from rodeo.site.config import Site, oracle_names
+from rodeo.site.config import Site
+from rodeo.site.names import oracle_names
 
 PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
 

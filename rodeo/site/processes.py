@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rodeo.site.config import (
-    Site,
+from rodeo.site.config import Site
+from rodeo.site.minds import AGENT, job_beside
+from rodeo.site.names import (
     bin_process,
     bridge_process,
     dock_process,
@@ -13,7 +14,6 @@ from rodeo.site.config import (
     oracle_process,
     robot_process,
 )
-from rodeo.site.minds import AGENT, job_beside
 from rodeo.site.topics import RECORDER
 
 

@@ -3,7 +3,7 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import bridge_names, bridge_process
+from rodeo.site.names import bridge_names, bridge_process
 from services.bridge.process import run
 
 if __name__ == "__main__":

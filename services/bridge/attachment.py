@@ -20,7 +20,7 @@ from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
 from rodeo.runtime.process import Process
 from rodeo.signing import keystores, wallets
-from rodeo.site.config import WalletLimits
+from rodeo.site.sections import WalletLimits
 from services.bridge.chain import Chain
 from services.bridge.continuity import Continuity, open_journal
 from services.bridge.fees import Limits

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from rodeo.chain.node.errors import ChainError, ChainUnavailable
 from rodeo.host.files import set_aside
-from rodeo.site.config import BRIDGE, Site
+from rodeo.site.config import Site
+from rodeo.site.names import BRIDGE
 from services.bridge.database import damage
 from services.bridge.errors import JournalDamaged, JournalIncomplete, JournalUnwritable
 from services.bridge.journal import Accounted, Journal

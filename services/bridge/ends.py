@@ -93,10 +93,10 @@ class Ends:
         now_s = int(self._clock.now_s())
         wall_s = time.monotonic()
         index = attachment.chain.index
-        self._process.concern("verdicts", late_verdicts(index.tasks.late_verdicts(now_s)))
+        self._process.notices.concern("verdicts", late_verdicts(index.tasks.late_verdicts(now_s)))
         here = {str(one.address): name for name, one in self._accounts().items() if name != ORGANIZATION}
         names = {str(one.address): name for name, one in self._accounts().items()}
-        self._process.concern("voids", many_voids(index.tasks.recent_voids(LAST_RULINGS), names.get))
+        self._process.notices.concern("voids", many_voids(index.tasks.recent_voids(LAST_RULINGS), names.get))
         own, next_s = own_rulings(index.tasks.unconcluded(), here, now_s)
         updates, update_s = due_updates(index, here, attachment.handback.can_do, now_s)
         matches, match_s = due_matches(index, here, attachment.handback.can_do, now_s)
@@ -142,7 +142,7 @@ class Ends:
                 self._giving_back[key] = job, now_s + _EXPIRY_RETRY_S
                 if key not in self._given_back:
                     self._given_back.add(key)
-                    self._process.warn(f"task {task['id']} is returned unfinished: {reason}")
+                    self._process.notices.warn(f"task {task['id']} is returned unfinished: {reason}")
 
 
 class End(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from rodeo.chain.node.fees import Fees, Market
 from rodeo.commands.errors import DailyLimitReached
 from rodeo.money.currency import ETHER, Currency
-from rodeo.site.config import WalletLimits
+from rodeo.site.sections import WalletLimits
 from services.bridge.errors import FeeTooHigh
 
 GAS_MARGIN = 1.25

@@ -13,7 +13,8 @@ from rodeo.chain.deployment import Deployment
 from rodeo.commands.errors import UnknownParticipant
 from rodeo.dao import cannot_do, most_offers
 from rodeo.signing import keystores
-from rodeo.site.config import Site, oracle_names
+from rodeo.site.config import Site
+from rodeo.site.names import oracle_names
 from rodeo.text.strict_json import Json
 
 ORGANIZATION = "organization"

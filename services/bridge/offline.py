@@ -14,7 +14,8 @@ from sqlalchemy.exc import DBAPIError
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Transaction
 from rodeo.chain.deployment import Deployment
-from rodeo.site.config import BRIDGE, Site
+from rodeo.site.config import Site
+from rodeo.site.names import BRIDGE
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, sqlite_url

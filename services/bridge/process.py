@@ -32,8 +32,9 @@ from rodeo.host.metrics import LATENCY_BUCKETS_S
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
 from rodeo.site import topics
-from rodeo.site.config import BRIDGE, Site, bridge_process, bridge_wallets
+from rodeo.site.config import Site
 from rodeo.site.deploying import deployment_under_way
+from rodeo.site.names import BRIDGE, bridge_process, bridge_wallets
 from services.bridge.attachment import Attachment, Opener
 from services.bridge.contradiction import contradiction
 from services.bridge.ends import Ends

@@ -3,7 +3,7 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import dock_process
+from rodeo.site.names import dock_process
 from services.charger.process import run
 
 DESCRIPTION = "A dock's energy meter: charges robots and proves the energy that it delivered."

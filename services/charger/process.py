@@ -27,7 +27,8 @@ from rodeo.runtime.logs import about_task
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
 from rodeo.site import topics
-from rodeo.site.config import Site, dock_process
+from rodeo.site.config import Site
+from rodeo.site.names import dock_process
 from rodeo.site.tls import bus_is_closed
 from rodeo.witness.chain import Inputs
 from rodeo.witness.roots import DailyRoots
@@ -111,7 +112,7 @@ class Charger:
     def run(self) -> None:
         """Until the process is asked to stop."""
         try:
-            self._wake.loop(self._process.stop, lambda: self._process.with_room(self._step))
+            self._wake.loop(self._process.stop, lambda: self._process.disk.with_room(self._step))
         finally:
             for part in self._closing:
                 part.close()
@@ -120,7 +121,7 @@ class Charger:
         """How long to rest where there is nothing to do."""
         self._retries.persist(self._assignments.offer)
         job = self._own_job()
-        if job is None and not self._process.disk_problem:
+        if job is None and not self._process.disk.problem:
             job = self._next_job()
         if job is None:
             self._process.activity("idle")

@@ -22,7 +22,7 @@ from rodeo.access.errors import NotLoggedIn
 from rodeo.errors import ConfigError
 from rodeo.host.http import LimitBody, problem
 from rodeo.host.proxies import is_loopback
-from rodeo.site.config import ConsoleConfig
+from rodeo.site.sections import ConsoleConfig
 from rodeo.text.charset import is_utf8
 
 MAX_BODY_BYTES = 12 << 20

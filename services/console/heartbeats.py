@@ -11,7 +11,8 @@ from rodeo.bus.messages import Status
 from rodeo.bus.session import heard_status
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.person.pace import Pace
-from rodeo.site.config import BRIDGE, Site
+from rodeo.site.config import Site
+from rodeo.site.names import BRIDGE
 from rodeo.site.processes import processes_of
 from rodeo.text.strict_json import Json
 

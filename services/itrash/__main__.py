@@ -3,7 +3,7 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import bin_process
+from rodeo.site.names import bin_process
 from services.itrash.process import run
 
 DESCRIPTION = "A smart bin: classifies items and confirms what falls in."

@@ -19,7 +19,8 @@ from rodeo.ros2.node import Node
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
 from rodeo.site import topics
-from rodeo.site.config import Site, bin_process
+from rodeo.site.config import Site
+from rodeo.site.names import bin_process
 from rodeo.site.tls import bus_is_closed
 from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
@@ -118,7 +119,7 @@ class Itrash:
         elif isinstance(action, Attest):
             self._attest(action.record)
         else:
-            self._process.with_room(self._save)
+            self._process.disk.with_room(self._save)
 
     def _attest(self, record: Record) -> None:
         chain = self._witness.chain
@@ -126,13 +127,13 @@ class Itrash:
             self._waiting.append(record)
             return
         kind, model, fields = stated(record)
-        attestation = self._process.with_room(
+        attestation = self._process.disk.with_room(
             lambda: chain.sign(model, self._process.clock.now_s(), **fields)
         )
         with self._steps.lock:
             self._journal.add(kind, attestation)
             self._bin.memory.unsigned.remove(record)
-        self._process.with_room(self._save)  # before it is published: a restart would sign it again
+        self._process.disk.with_room(self._save)  # before it is published: a restart would sign it again
         self._witness.publish(attestation)
         log.info("%s %s", kind, record.model_dump_json(exclude=_NOT_LOGGED))
 

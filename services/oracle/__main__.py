@@ -3,7 +3,7 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import oracle_names, oracle_process
+from rodeo.site.names import oracle_names, oracle_process
 from services.oracle.process import run
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ from rodeo.evidence.errors import EvidenceError, StoreUnavailable
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.runtime.process import Process, repeated
 from rodeo.runtime.serving import served_by
-from rodeo.site.config import Site, oracle_process
+from rodeo.site.config import Site
+from rodeo.site.names import oracle_process
 from rodeo.text.foreign_text import in_words
 from services.oracle import worker
 from services.oracle.away import FAULT, MissingProofs, ProofAway, due_s, is_due, owner_of
@@ -142,7 +143,7 @@ class Oracle:
             process.data_dir,
             self.reports.folder,
             self.acts.judged_files,
-            partial(process.concern, "store"),
+            partial(process.notices.concern, "store"),
         )
         runs: dict[str, Callable[[], None]] = {
             "turns": partial(self.line.turns.run, stop, self.line.work),
@@ -202,7 +203,7 @@ class Oracle:
                 log.warning("task %d attempt %d: its window ended before it was verified", *key)
         self._late = late
         said = f"{len(late)} of {len(in_line)} proofs in line are due: too many to verify them in time"
-        self.process.concern("turns", said if late else "")
+        self.process.notices.concern("turns", said if late else "")
 
     # -- verdicts --------------------------------------------------------------------------------------
 
@@ -234,7 +235,7 @@ class Oracle:
             report = report.with_checks(check)
         log.info("task %d attempt %d: %s", task_id, attempt, report.reason)
         if report.outcome == "given_up" and report.fault == FAULT:
-            self.process.concern(
+            self.process.notices.concern(
                 "unforeseen",
                 f"task {task_id} attempt {attempt} could not be judged, which the checks do not foresee: "
                 f"{report.reason}",

@@ -53,7 +53,7 @@ class Status:
             self._process.not_ready(f"the store cannot be read: {unreadable}")
         else:
             self._process.ready()
-        self._process.concern("rules", self._judging.lacking())
+        self._process.notices.concern("rules", self._judging.lacking())
         if self._open() != self._published:
             self.publish()
 

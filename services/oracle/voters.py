@@ -13,7 +13,8 @@ from rodeo.dao import Participant
 from rodeo.errors import BusError, RemoteError
 from rodeo.judging import votes
 from rodeo.signing.keys import Signer
-from rodeo.site.config import Site, votes_needed
+from rodeo.site.config import Site
+from rodeo.site.names import votes_needed
 
 log = logging.getLogger(__name__)
 

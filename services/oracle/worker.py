@@ -43,7 +43,8 @@ from rodeo.evidence.errors import (
 from rodeo.host.files import is_full, replace_file, writing
 from rodeo.kinds import KindError, kinds_of
 from rodeo.runtime.process import die_with
-from rodeo.site.config import OracleConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import OracleConfig
 from rodeo.text.strict_json import plain, read_json, write_json
 from services.oracle.away import FAULT, report_on
 

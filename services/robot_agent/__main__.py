@@ -3,8 +3,8 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import robot_process
 from rodeo.site.minds import AGENT
+from rodeo.site.names import robot_process
 from rodeo.site.processes import robots_with
 from services.robot_agent.process import run
 

@@ -28,7 +28,7 @@ class Activity:
         eta = {} if left_s is None else {"eta_s": round(left_s)}
         self._doing = {"activity": text, "progress": progress, **eta}
         vitals = self._body.vitals()
-        self._process.concern("body", self._body.unknown)
+        self._process.notices.concern("body", self._body.unknown)
         self._process.activity(text, progress, **eta, **vitals, **self._upkeep.state())
 
     def state(self) -> dict[str, Any]:

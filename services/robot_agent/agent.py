@@ -184,7 +184,7 @@ class Senses:
             battery_suffices=battery_suffices,
             able=able,
             begun=assignment is not None and self._attempts.has_begun(assignment),
-            paused=standing.paused or bool(self._process.disk_problem),
+            paused=standing.paused or bool(self._process.disk.problem),
             charge_ordered=standing.charge,
             off_duty=self._idle.off_duty,
             explored_enough=self._idle.explored_enough,

@@ -7,7 +7,8 @@ from enum import StrEnum
 
 from rodeo.bus.messages import Task
 from rodeo.robot.errors import TaskFailed
-from rodeo.site.config import AgentConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import AgentConfig
 
 
 class Intent(StrEnum):

@@ -200,7 +200,7 @@ class Records:
 
     def _record(self, attempt: Attempt) -> None:
         task, path = attempt.task, attempt.path
-        if problem := self._process.look_at_disk():
+        if problem := self._process.disk.look():
             raise DiskFull(problem)
         if (held := self._machine.feel()) is not None:
             self._machine.put_back(held, self._activity.report)

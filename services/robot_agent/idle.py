@@ -81,7 +81,7 @@ class Idle:
     def rest(self, situation: Situation) -> None:
         # A charge that ended while this process was down leaves the robot on the dock.
         self._charging.clear_the_dock(self.activity.report)
-        if self._process.disk_problem:
+        if self._process.disk.problem:
             self.activity.report("waiting for room on the disk")
         elif situation.paused:
             self.activity.report("paused by an operator")
@@ -92,7 +92,7 @@ class Idle:
             until = self._offers.rests_until
             said = f"resting: the organization gives it no task before {until}" if until else "idle"
             self.activity.report(said)
-        self.wait_for_news(looks=bool(self._process.disk_problem))
+        self.wait_for_news(looks=bool(self._process.disk.problem))
 
     def be_off(self, situation: Situation) -> None:
         """Go where the robot rests, switch the motors off, and wait for the hours to begin, or for news."""

@@ -8,7 +8,8 @@ from contextlib import ExitStack
 from rodeo.errors import ConfigError
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
-from rodeo.site.config import Site, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import robot_process
 from services.robot_agent.assembly import assembled
 
 

@@ -24,7 +24,8 @@ from rodeo.robot.ros_body import RosBody
 from rodeo.ros2.node import Node
 from rodeo.ros2.readings import Unknown, power
 from rodeo.site import topics
-from rodeo.site.config import MaintenanceConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import MaintenanceConfig
 from services.robot_agent.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
 from services.robot_agent.participant import RobotParticipant
 

@@ -3,7 +3,7 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import robot_process
+from rodeo.site.names import robot_process
 from rodeo.site.processes import robots_with
 from rodeo.site.topics import RECORDER
 from services.robot_recorder.process import run

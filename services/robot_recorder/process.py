@@ -21,7 +21,8 @@ from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
-from rodeo.site.config import Site, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import robot_process
 from services.robot_recorder.mind import Mind
 from services.robot_recorder.services import serve
 from services.robot_recorder.showing import Showing

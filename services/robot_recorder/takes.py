@@ -127,7 +127,7 @@ class Takes:
     def _begun(self, task_id: int, number: int) -> Take:
         task = self._assigned(task_id, number)
         self._check_orders(task)
-        if problem := self._process.look_at_disk():
+        if problem := self._process.disk.look():
             raise DiskFull(problem)
         behaviour = self._works.behaviour(task)
         attempt = self._room.open(task)

@@ -75,8 +75,9 @@ class Watch:
 
     def _report(self, assigned: list[Task]) -> None:
         nodes = self._mind.nodes
-        self._process.concern("body", self._body.unknown)
-        self._process.concern("mind", "" if nodes else f"{self._dao.name} has no mind: no node of it is here")
+        concern = self._process.notices.concern
+        concern("body", self._body.unknown)
+        concern("mind", "" if nodes else f"{self._dao.name} has no mind: no node of it is here")
         take = self._takes.running
         if self._orders.standing.stopped:
             text = "stopped by an operator"

@@ -11,7 +11,8 @@ from collections.abc import Callable
 import zenoh
 
 from rodeo.bus.session import Bus
-from rodeo.site.config import Site, bin_process, dock_process, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import bin_process, dock_process, robot_process
 from services.robot_sim.marks import Marks
 from services.robot_sim.roster import Roster, Session
 from services.robot_sim.standstill import Standstill

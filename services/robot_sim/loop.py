@@ -13,7 +13,7 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from rodeo.errors import RodeoError
-from rodeo.site.config import ClockConfig
+from rodeo.site.sections import ClockConfig
 from services.robot_sim.holders import Holders
 from services.robot_sim.publish_queue import PublishQueue
 from services.robot_sim.roster import NEVER_NS

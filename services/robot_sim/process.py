@@ -105,7 +105,7 @@ class WorldPublisher:
 
 def _warn(process: Process, text: str) -> None:
     log.warning("%s", text)
-    process.warn(text)
+    process.notices.warn(text)
 
 
 def _keeps_wall_time(site: Site, simulation: Simulation) -> bool:
@@ -165,7 +165,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 simulation.now_ns,
             )
             if not keeps_wall_time and site.clock.holders:
-                warn = partial(process.concern, "clock")
+                warn = partial(process.notices.concern, "clock")
                 shown = tls.identity(site, PROCESS)
                 asking = Bus.open(site.bus.router, process.stop, identity=shown)
                 loop.holders = Holders(

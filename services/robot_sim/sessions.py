@@ -17,7 +17,8 @@ import zenoh
 from rodeo.bus.messages import ClockMark
 from rodeo.bus.session import Bus, validate
 from rodeo.site import tls, topics
-from rodeo.site.config import Site, body_identity
+from rodeo.site.config import Site
+from rodeo.site.names import body_identity
 
 _ANSWER_S = 1.0
 """Wall time that the router has to pass on what the bodies sent."""

@@ -140,7 +140,9 @@ def _docstrings(model: type) -> dict[str, str]:
     if not model.__module__.startswith("rodeo"):
         return {}
     found = {}
-    for field, below in pairwise(_classes(model.__module__)[model.__name__].body):
+    within = [one for one in reversed(model.__mro__) if one.__module__.startswith("rodeo")]
+    body = [node for one in within for node in _classes(one.__module__)[one.__name__].body]
+    for field, below in pairwise(body):
         match field, below:
             case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=text)):
                 found[name] = str(text)

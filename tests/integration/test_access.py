@@ -31,7 +31,8 @@ from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceUnava
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.site import tls, topics
-from rodeo.site.config import Site, body_identity
+from rodeo.site.config import Site
+from rodeo.site.names import body_identity
 from rodeo.witness.witness import Witness, unverified_seal
 from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING

@@ -36,7 +36,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.errors import BusError
 from rodeo.money.currency import IEC
 from rodeo.signing import keystores, possession, wallets
-from rodeo.site.config import LOCAL_CHAIN_ID
+from rodeo.site.sections import LOCAL_CHAIN_ID
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.console.rest import make_api
 from tests.support.accessibility import tab_to

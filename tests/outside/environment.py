@@ -38,8 +38,9 @@ from rodeo.host.clock import WallClock
 from rodeo.lab.schedule import Schedule
 from rodeo.ros2 import types
 from rodeo.site import topics
-from rodeo.site.config import ConsoleConfig, Site, StoreConfig
+from rodeo.site.config import Site
 from rodeo.site.endpoint import make_socket_folder
+from rodeo.site.sections import ConsoleConfig, StoreConfig
 from rodeo_testing.assignments import BINDING, ROBOT
 from services.bridge.heads import SubscribedHeads
 from services.console.guard import Guard, origins_of

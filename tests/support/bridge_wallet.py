@@ -8,7 +8,7 @@ from typing import Any
 
 from rodeo.money.currency import IEC
 from rodeo.signing import keystores, wallets
-from rodeo.site.config import WalletLimits
+from rodeo.site.sections import WalletLimits
 from rodeo_testing.waiting import HANG_S
 from services.bridge.chain import Chain
 from services.bridge.fees import Limits

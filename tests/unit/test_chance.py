@@ -14,7 +14,9 @@ import pytest
 from rodeo.errors import ConfigError
 from rodeo.lab.body import Twist2
 from rodeo.site.chance import Moments, generator
-from rodeo.site.config import ClockConfig, Site, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import robot_process
+from rodeo.site.sections import ClockConfig
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 

@@ -7,15 +7,10 @@ from pydantic import ValidationError
 
 from rodeo.errors import ConfigError
 from rodeo.lab.config import RobotConfig
-from rodeo.site.config import (
-    GovernanceConfig,
-    Site,
-    bridge_wallets,
-    faults,
-    oracle_names,
-    oracle_process,
-    votes_needed,
-)
+from rodeo.site.config import Site
+from rodeo.site.faults import faults
+from rodeo.site.names import bridge_wallets, oracle_names, oracle_process, votes_needed
+from rodeo.site.sections import GovernanceConfig
 from rodeo_cli.site_check import check
 from tests.support.site import LAB
 

@@ -8,7 +8,7 @@ from decimal import Decimal
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Transaction
 from rodeo.display.earnings import COLUMNS, Line, as_csv, cells, earnings, sums
-from rodeo.site.config import TariffConfig
+from rodeo.site.sections import TariffConfig
 from rodeo_cli.earnings_page import page
 from tests.support.tasks import task
 

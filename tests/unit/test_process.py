@@ -109,7 +109,7 @@ def test_a_process_whose_clock_should_be_the_walls_and_is_not_is_not_ready(
 def test_that_it_is_ready_is_said_at_once_and_not_with_the_next_heartbeat(
     tmp_path: Path, router_port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rodeo.runtime.process.HEARTBEAT_S", 3600.0)
+    monkeypatch.setattr("rodeo.runtime.presence.HEARTBEAT_S", 3600.0)
     site = Site.load(write_site(tmp_path, extra=OPEN_BUS.format(speed=1, port=router_port)))
     heard = threading.Event()
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.site.config import ChainConfig, OtherBridgeConfig, RosConfig, Site
+from rodeo.site.config import Site
 from rodeo.site.processes import processes_of
+from rodeo.site.sections import ChainConfig, OtherBridgeConfig, RosConfig
 from tests.support.site import LAB
 
 SITE = Site.load(LAB)

@@ -11,7 +11,8 @@ import zenoh
 from rodeo.bus.session import zenoh_config
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.runtime.serving import Claim, Holder, Rival, Thing, served_by
-from rodeo.site.config import OtherBridgeConfig, RosConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import OtherBridgeConfig, RosConfig
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB, free_port
 

@@ -7,7 +7,7 @@ from decimal import Decimal
 import pytest
 
 from rodeo.charging.tariff import applying_between, hourly_mean_iec
-from rodeo.site.config import RateConfig
+from rodeo.site.sections import RateConfig
 
 DAY_S = 20_000 * 86_400
 RATES = [RateConfig(from_hour=hour, iec=Decimal(iec)) for hour, iec in ((22, 10), (6, 30), (12, 20))]

@@ -27,7 +27,7 @@ from rodeo.judging import votes
 from rodeo.kinds import kinds_of
 from rodeo.money.currency import IEC
 from rodeo.signing import keys, keystores, wallets
-from rodeo.site.config import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
+from rodeo.site.sections import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
 from tests.support.views import view
 

@@ -16,7 +16,8 @@ from rodeo.chain.client import connect
 from rodeo.chain.contracts.abi import Terms
 from rodeo.chain.contracts.types import Role
 from rodeo.chain.node.errors import ContractReverted
-from rodeo.site.config import BudgetConfig, GovernanceConfig, Site, TermsConfig, TokenConfig
+from rodeo.site.config import Site
+from rodeo.site.sections import BudgetConfig, GovernanceConfig, TermsConfig, TokenConfig
 from tests.support.organization import Organization, running_chain
 from tests.support.plain_token import create, init_code
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from rodeo.checks import rules
 from rodeo.checks.rules import Source, rules_hash
 from rodeo.kinds import Kind, KindError, load
-from rodeo.site.config import RateConfig
+from rodeo.site.sections import RateConfig
 from rodeo.vision.classification import model_sha256
 
 CHECKS = '''"""Is the robot there?"""
@@ -159,6 +159,9 @@ def test_a_kind_that_people_judge_has_no_rules() -> None:
 BEHIND = {
     "rodeo.site.minds": "who thinks for a robot",
     "rodeo.site.ros_names": "names of nodes",
+    "rodeo.site.faults": "what no site file may say",
+    "rodeo.site.file": "a site's own settings",
+    "rodeo.site.names": "names of processes",
     "rodeo.host.budget": "how often somebody may ask",
     "rodeo.bus.session": "carries messages",
     "rodeo.chain.contracts.abi": "names of what is on chain",

@@ -9,16 +9,9 @@ import zenoh
 from deploy.access import access_control, everybody
 from rodeo.lab.config import MeterConfig, Pose2, RobotConfig
 from rodeo.site import topics
-from rodeo.site.config import (
-    JudgeConfig,
-    OtherBridgeConfig,
-    RosConfig,
-    Site,
-    body_identity,
-    node_identity,
-    oracle_process,
-    robot_process,
-)
+from rodeo.site.config import Site
+from rodeo.site.names import body_identity, node_identity, oracle_process, robot_process
+from rodeo.site.sections import JudgeConfig, OtherBridgeConfig, RosConfig
 from rodeo.site.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
 from tests.support.site import LAB
 

@@ -15,7 +15,8 @@ from deploy.access import access_control, commands_of, everybody
 from rodeo.commands import COMMANDS
 from rodeo.interfaces import package
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.site.config import JudgeConfig, OtherBridgeConfig, ParticipantConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import JudgeConfig, OtherBridgeConfig, ParticipantConfig
 from services.bridge.wallet import KNOWN
 from tests.support.site import LAB
 

@@ -11,7 +11,8 @@ import pytest
 from deploy.contracts import _told
 from rodeo.chain.contracts.abi import Windows
 from rodeo.signing import keystores, wallets
-from rodeo.site.config import KindConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import KindConfig
 from tests.support.organization import KIND, founded
 from tests.support.site import write_site
 

@@ -24,8 +24,9 @@ from rodeo.chain.registry import Registry
 from rodeo.errors import ConfigError
 from rodeo.kinds import kinds_of
 from rodeo.signing import keystores, wallets
-from rodeo.site.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig, Site
+from rodeo.site.config import Site
 from rodeo.site.deploying import deployment_under_way
+from rodeo.site.sections import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
 

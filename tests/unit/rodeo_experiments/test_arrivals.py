@@ -9,7 +9,8 @@ from zoneinfo import ZoneInfo
 import pytest
 from pydantic import ValidationError
 
-from rodeo.site.config import ExperimentConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ExperimentConfig
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments.arrivals import day_begins_s, plan
 from rodeo_experiments.errors import ExperimentFailed

@@ -22,7 +22,8 @@ from rodeo.bus.messages import Device  # noqa: E402
 from rodeo.bus.session import Bus  # noqa: E402
 from rodeo.errors import BusUnavailable  # noqa: E402
 from rodeo.evidence.attestation import attest  # noqa: E402
-from rodeo.site.config import Site, bin_process  # noqa: E402
+from rodeo.site.config import Site  # noqa: E402
+from rodeo.site.names import bin_process  # noqa: E402
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, digest, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier, to_input  # noqa: E402
 from rodeo.vision.images import decode_image  # noqa: E402

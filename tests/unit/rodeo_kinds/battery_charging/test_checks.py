@@ -18,7 +18,8 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.tally import RESUMED
-from rodeo.site.config import KindConfig, RateConfig, Site, TokenConfig
+from rodeo.site.config import Site
+from rodeo.site.sections import KindConfig, RateConfig, TokenConfig
 from rodeo.site.topics import ATTESTATION_CHANNEL
 from rodeo.witness import ocmf
 from rodeo.witness.statement import Header, MeterRecord, Receipt

@@ -22,6 +22,7 @@ from rodeo.chain.node.errors import (
     TransactionFailed,
     TransactionTimeout,
 )
+from rodeo.runtime.state import Notices
 from rodeo.signing import wallets
 from rodeo_testing.waiting import wait_until
 from services.bridge import orders, process, readiness
@@ -325,6 +326,7 @@ class Told:
         self.clock = clock
         self.reason: str | None = "starting"
         self.reasons: list[str] = []
+        self.notices = Notices()
 
     @contextmanager
     def _nothing(self) -> Iterator[None]:
@@ -342,8 +344,6 @@ class Told:
 
     def activity(self, *_args: Any, **_details: Any) -> None:
         """Nobody looks."""
-
-    warn = concern = activity
 
 
 def spoilt(payload: Any, good: Any, method: str) -> Any:

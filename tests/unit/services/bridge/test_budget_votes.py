@@ -31,7 +31,7 @@ from rodeo.commands.errors import (
 from rodeo.commands.governance import OpenBudgetVote
 from rodeo.errors import InvalidRequest
 from rodeo.signing import keystores
-from rodeo.site.config import BudgetConfig, GovernanceConfig, ParticipantConfig
+from rodeo.site.sections import BudgetConfig, GovernanceConfig, ParticipantConfig
 from services.bridge.wallet import parse
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, founded

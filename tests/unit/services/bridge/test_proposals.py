@@ -29,7 +29,7 @@ from rodeo.commands.errors import (
 from rodeo.commands.governance import CancelProposal, HandOver
 from rodeo.errors import InvalidRequest
 from rodeo.signing import keystores, wallets
-from rodeo.site.config import GovernanceConfig, ParticipantConfig
+from rodeo.site.sections import GovernanceConfig, ParticipantConfig
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, Organization, founded, running_chain
 from tests.support.views import view

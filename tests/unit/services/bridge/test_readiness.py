@@ -11,6 +11,7 @@ import pytest
 
 from rodeo.chain.node.errors import ContractReverted, RpcFailed
 from rodeo.judging.rulings import GRACE_S
+from rodeo.runtime.state import Notices
 from rodeo.site.config import Site
 from services.bridge.ends import End, Ends, late_verdicts, many_voids, own_rulings, send_end
 from services.bridge.index import Position
@@ -61,11 +62,10 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     """Whoever has taken the organization's bridge down takes nobody's pay by that. What is not mined yet is
     not sent again."""
     monkeypatch.setattr("services.bridge.ends._EXPIRY_RETRY_S", 60.0 if mined else 0.0)
-    concerns: dict[str, str] = {}
     site = Site.load(write_site(tmp_path, extra='[[bridges]]\nname = "own"\nwallets = ["panther1"]\n'))
     clock = SimpleNamespace(now_s=lambda: UNTIL_S + GRACE_S + 1)
     told: Any = SimpleNamespace(site=site, name="bridge.own", stop=threading.Event(), clock=clock)
-    told.concern = concerns.__setitem__
+    told.notices = notices = Notices()
     accounts: Any = {"panther1": SimpleNamespace(address="0x01")}
     threads: Any = {"panther1": AtOnce()}
     ends = Ends(told, lambda: None, lambda: accounts, threads)
@@ -92,8 +92,9 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets, handback=handback)
     assert [ends.expire_overdue(attachment), ends.expire_overdue(attachment)] == [None, None]
     assert sent == [("conclude", {"task_id": 7})]
-    assert "task 7" in concerns["verdicts"]
-    assert "1 of the last 9 rulings on tasks of this site are void" in concerns["voids"]
+    verdicts, voids = notices.texts()
+    assert "task 7" in verdicts
+    assert "1 of the last 9 rulings on tasks of this site are void" in voids
 
 
 @pytest.mark.parametrize("code", ["WrongState", "RulingStands", "NoCase", "NotAuthorized"])

@@ -14,7 +14,7 @@ from rodeo.commands.desk import Desk
 from rodeo.commands.errors import DailyLimitReached
 from rodeo.commands.tasks import RaiseReward
 from rodeo.money.currency import ETHER, IEC
-from rodeo.site.config import WalletLimits
+from rodeo.site.sections import WalletLimits
 from services.bridge.errors import FeeTooHigh
 from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Limits, Market
 from services.bridge.wallet import Wallet, parse

@@ -18,7 +18,7 @@ from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, RpcFaile
 from rodeo.commands.errors import DailyLimitReached
 from rodeo.errors import RemoteError
 from rodeo.money.currency import ETHER, IEC
-from rodeo.site.config import WalletLimits
+from rodeo.site.sections import WalletLimits
 from services.bridge import orders, outcomes, signer
 from services.bridge.errors import (
     BridgeNotReady,

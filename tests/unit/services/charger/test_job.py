@@ -15,7 +15,8 @@ from rodeo.dao import ORGANIZATION, most_offers
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.kinds import providing_energy
-from rodeo.site.config import ClockConfig, KindConfig, RateConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ClockConfig, KindConfig, RateConfig
 from rodeo.site.topics import EVENT_CHANNEL
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.recordings import Sample, Take

@@ -16,7 +16,8 @@ from rodeo.dao import Assignment
 from rodeo.errors import NoResponder, RemoteError
 from rodeo.host.clock import WallClock
 from rodeo.host.clocked import ClockedEvent
-from rodeo.site.config import ClockConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ClockConfig
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Sample, Take

@@ -18,7 +18,8 @@ from rodeo.access.errors import (
 )
 from rodeo.access.roles import Role
 from rodeo.errors import InvalidRequest
-from rodeo.site.config import ConsoleConfig, ParticipantConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ConsoleConfig, ParticipantConfig
 from rodeo_cli import app
 from rodeo_cli.accounts import login_link
 from tests.support.site import LAB, write_site

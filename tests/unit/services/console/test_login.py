@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from rodeo.access.accounts import Accounts
 from rodeo.access.roles import Role
 from rodeo.errors import ConfigError
-from rodeo.site.config import ConsoleConfig
+from rodeo.site.sections import ConsoleConfig
 from services.console.errors import TooManyAttempts
 from services.console.guard import Guard, origins_of
 from services.console.login import Throttle, local_path, router

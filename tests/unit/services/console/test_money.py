@@ -7,7 +7,7 @@ from decimal import Decimal
 
 from rodeo.bus.queries import Transfer
 from rodeo.charging.tariff import price_at, prices
-from rodeo.site.config import TariffConfig
+from rodeo.site.sections import TariffConfig
 from services.console.money import transfers_csv
 
 DAY_S = 86_400

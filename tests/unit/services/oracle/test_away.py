@@ -12,7 +12,8 @@ from rodeo.bus.messages import Task
 from rodeo.checks.report import Report
 from rodeo.evidence.store import Store
 from rodeo.host.clock import WallClock
-from rodeo.site.config import DisputesConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import DisputesConfig
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Take
 from rodeo_testing.waiting import HANG_S, wait_until

@@ -21,6 +21,7 @@ from rodeo.checks.report import Report
 from rodeo.errors import RemoteError
 from rodeo.evidence.errors import ProofNotFound, StoreUnavailable
 from rodeo.host.clock import WallClock
+from rodeo.runtime.state import Notices
 from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
@@ -185,8 +186,7 @@ def oracle(
             clock=HeldClock(),
             data_dir=tmp_path / rules_sha256,
             activity=lambda *_, **__: None,
-            concerns=(concerns := {}),
-            concern=concerns.__setitem__,
+            notices=Notices(),
         )
         made = Oracle(service, "oracle", bridge)  # type: ignore[arg-type]
         made.judging.begin({"waste_disposal": rules_sha256})
@@ -631,11 +631,11 @@ def test_what_is_due_before_its_turn_is_a_warning(
     late = bridge.other(verdict_deadline=1.0)
     submit(judge, late)
     submit(judge, bridge.other(verdict_deadline=time.time() + 3600))
-    concerns: dict[str, str] = judge.process.concerns  # type: ignore[attr-defined]
-    wait_until(lambda: concerns.get("turns", "").startswith("1 of 2 proofs in line are due"))
+    shown = judge.process.notices.texts
+    wait_until(lambda: any(one.startswith("1 of 2 proofs in line are due") for one in shown()))
     assert f"task {late.id} attempt 1 is due, and its turn to be verified has not come" in caplog.text
     judge.on_event(event(late, 1000, "TaskRequeued"))
-    wait_until(lambda: concerns["turns"] == "")
+    wait_until(lambda: not shown())
     assert f"task {late.id} attempt 1: its window ended before it was verified" in caplog.text
     assert verifications.begun == [bridge.current.id]
 

@@ -22,7 +22,8 @@ from rodeo.host.clock import WallClock
 from rodeo.judging import votes
 from rodeo.money.currency import IEC
 from rodeo.site import topics
-from rodeo.site.config import JudgeConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import JudgeConfig
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
 from services.oracle.voters import Voters

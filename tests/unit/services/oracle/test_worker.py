@@ -24,7 +24,8 @@ from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.recorder import SealedProof
 from rodeo.evidence.store import Store
-from rodeo.site.config import OracleConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import OracleConfig
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT

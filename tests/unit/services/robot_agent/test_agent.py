@@ -24,7 +24,7 @@ from rodeo.robot.behaviour import Estimate
 from rodeo.robot.errors import BodySilent, CapReached, MotionFailed, Revoked
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
-from rodeo.site.config import AgentConfig, ClockConfig
+from rodeo.site.sections import AgentConfig, ClockConfig
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
 from rodeo_testing.waiting import HANG_S
@@ -97,7 +97,12 @@ class Night:
             clock=config,
         )
         process: Any = SimpleNamespace(
-            site=site, clock=self.clock, stop=stop, disk_problem="", ready=lambda: None, data_dir=None
+            site=site,
+            clock=self.clock,
+            stop=stop,
+            disk=SimpleNamespace(problem=""),
+            ready=lambda: None,
+            data_dir=None,
         )
         self.stop, self.news = stop, News(self.clock, stop)
         fakes: Any = self

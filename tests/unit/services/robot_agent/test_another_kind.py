@@ -197,9 +197,8 @@ class Mind:
             clock=self.clock,
             stop=stop,
             data_dir=folder,
-            disk_problem="",
             ready=lambda: None,
-            look_at_disk=lambda: "",
+            disk=SimpleNamespace(problem="", look=lambda: ""),
         )
         fit: Any = self.fit
         floor, config = Floor(site), site.robots[0]

@@ -6,7 +6,8 @@ import pytest
 
 from rodeo.bus.messages import Task
 from rodeo.robot.errors import TaskFailed
-from rodeo.site.config import AgentConfig, ClockConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import AgentConfig, ClockConfig
 from services.robot_agent.decision import (
     Intent,
     Situation,

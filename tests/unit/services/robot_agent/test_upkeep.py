@@ -12,7 +12,8 @@ from rodeo.bus.messages import Task
 from rodeo.commands.tasks import RegisterTask
 from rodeo.errors import RemoteError
 from rodeo.money.rewards import Rise
-from rodeo.site.config import MaintenanceConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import MaintenanceConfig
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.upkeep import Care
 from tests.support.site import LAB

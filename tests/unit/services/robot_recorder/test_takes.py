@@ -84,7 +84,8 @@ def takes_in(room: Any, attend: Callable[[], None]) -> Takes:
         working_on=lambda _nonce: None,
         cancelled=lambda _nonce: False,
     )
-    process: Any = SimpleNamespace(clock=ManualClock(), look_at_disk=lambda: "", stop=threading.Event())
+    disk = SimpleNamespace(look=lambda: "")
+    process: Any = SimpleNamespace(clock=ManualClock(), disk=disk, stop=threading.Event())
     dao: Any = SimpleNamespace(name="panther1", task=lambda _id: TASK)
     takes = Takes(process, dao, room, Works(kinds, {}, frozenset()), orders, Interrupts(lambda: None))
     takes.start(7, 1)

@@ -11,6 +11,7 @@ import pytest
 
 from rodeo.errors import DiskFull
 from rodeo.host.clocked import ClockedEvent
+from rodeo.runtime.state import Notices
 from services.robot_recorder.watch import Charges, Watch
 
 
@@ -20,6 +21,7 @@ class Process:
     def __init__(self) -> None:
         self.stop, self.told, self.rests = threading.Event(), list[str](), list[bool]()
         self.clock = SimpleNamespace(wait_for=self._wait, acting=nullcontext)
+        self.notices = Notices()
 
     def _wait(self, *_args: Any, resting: bool, **_kwargs: Any) -> None:
         self.rests.append(resting)
@@ -31,8 +33,6 @@ class Process:
 
     def ready(self) -> None:
         self.told.append("ready")
-
-    def concern(self, *_args: Any) -> None: ...
 
     def activity(self, text: str, **_details: Any) -> None:
         self.told.append(text)

@@ -20,7 +20,8 @@ from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalAborted, GoalCanceled
 from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
-from rodeo.site.config import ClockConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ClockConfig
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import messages
 from services.robot_sim.actions import Actions

@@ -17,7 +17,8 @@ from rodeo.bus.session import Bus, zenoh_config
 from rodeo.ros2.node import Node
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
-from rodeo.site.config import Site, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import robot_process
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages

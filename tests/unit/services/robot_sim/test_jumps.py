@@ -9,7 +9,9 @@ from functools import partial
 import pytest
 import zenoh
 
-from rodeo.site.config import ClockConfig, Site, bin_process, dock_process, robot_process
+from rodeo.site.config import Site
+from rodeo.site.names import bin_process, dock_process, robot_process
+from rodeo.site.sections import ClockConfig
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import holders as holders_module
 from services.robot_sim.loop import Loop

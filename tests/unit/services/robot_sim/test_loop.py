@@ -11,7 +11,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from rodeo.site.config import ClockConfig
+from rodeo.site.sections import ClockConfig
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.robot_sim import loop as loop_module
 from services.robot_sim.loop import JUMP_NS, Loop

@@ -13,7 +13,8 @@ import pytest
 from rodeo.bus.messages import Dispute, Standing, Task
 from rodeo.chain.contracts import events
 from rodeo.errors import NoResponder
-from rodeo.site.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ClockConfig, ParticipantConfig, PeopleConfig
 from rodeo_testing import answers
 from rodeo_testing.waiting import wait_until
 from services.robot_sim import people as people_module

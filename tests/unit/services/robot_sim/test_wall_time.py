@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from rodeo.lab.body import Twist2
-from rodeo.site.config import ClockConfig, Site
+from rodeo.site.config import Site
+from rodeo.site.sections import ClockConfig
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import loop as loop_module
 from services.robot_sim.loop import Loop
