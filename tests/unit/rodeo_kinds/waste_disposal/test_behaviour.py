@@ -23,7 +23,7 @@ from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
 from rodeo.site.config import Site
 from rodeo.witness.statement import Classification, Drop
-from rodeo_kinds.waste_disposal import behaviour as cleaning_module
+from rodeo_kinds.waste_disposal import delivery
 from rodeo_kinds.waste_disposal.behaviour import WasteDisposal, ordered
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_kinds.waste_disposal.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
@@ -271,7 +271,7 @@ def test_a_motion_capture_that_fell_silent_after_the_drop_is_waited_for_within_t
     stops_s = dropped_s + RECORDED_AFTER_DROP_S
     deadline = None if left_s is None else stops_s + left_s
     task = scene.work.task.model_copy(update={"execution_deadline": deadline})
-    scene.cleaning._finish(dropped_s - 1.0, station, 1.0, replace(scene.work, task=task))
+    scene.cleaning.delivery.finish(dropped_s - 1.0, station, 1.0, replace(scene.work, task=task))
     ((after_s, latest_s),) = scene.record.motion_s
     assert after_s == pytest.approx(dropped_s + JUDGED_AFTER_DROP_S, abs=0.1)
     assert latest_s == pytest.approx(stops_s + waits_s, abs=0.1)
@@ -488,8 +488,8 @@ def test_a_held_item_can_be_put_back_where_it_lay_and_taken_again(scene: Scene, 
 def on_a_bus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Scene, BinBus]:
     """With the robot's real bin on a bus."""
     monkeypatch.setattr(bin_module, "_ASK_PERIOD_S", 0.0)
-    monkeypatch.setattr(cleaning_module, "_HOLD_WALL_S", 0.5)
-    monkeypatch.setattr(cleaning_module, "_BIN_ANSWER_WALL_S", 2.0)
+    monkeypatch.setattr(delivery, "_HOLD_WALL_S", 0.5)
+    monkeypatch.setattr(delivery, "BIN_ANSWER_WALL_S", 2.0)
     bus = BinBus()
     return Scene(tmp_path, bus=bus), bus
 
