@@ -10,6 +10,7 @@ from eth_utils import to_checksum_address
 from web3 import Web3
 from web3.types import TxReceipt
 
+from rodeo.chain import views
 from rodeo.chain.calls import Calls, JudgeCalls, OrganizationCalls
 from rodeo.chain.contract_calls import DeviceRegistryCalls
 from rodeo.chain.contracts.logs import Log, decode_logs, event_topics
@@ -20,16 +21,6 @@ from rodeo.chain.node import transactions
 from rodeo.chain.node.errors import WrongChain
 from rodeo.chain.node.rpc import NodeProvider
 from rodeo.chain.node.translation import translated
-from rodeo.chain.views import (
-    DecisionViews,
-    DeviceViews,
-    JudgeViews,
-    RuleViews,
-    ServiceViews,
-    TaskViews,
-    TokenViews,
-    Views,
-)
 from rodeo.money.currency import Currency
 from rodeo.site.sections import ChainConfig
 
@@ -72,10 +63,14 @@ class ChainClient:
         self.device_calls = DeviceRegistryCalls(deployment)
         self.governance_calls = GovernanceCalls(deployment)
         """Where the administrator is a timelock."""
-        ask = Views(self.w3, deployment)
-        self.tasks, self.services, self.token = TaskViews(ask), ServiceViews(ask), TokenViews(ask)
-        self.rules, self.judges, self.devices = RuleViews(ask), JudgeViews(ask), DeviceViews(ask)
-        self.decisions = DecisionViews(ask, self.history)
+        ask = views.Views(self.w3, deployment)
+        self.tasks = views.TaskViews(ask)
+        self.services = views.ServiceViews(ask)
+        self.devices = views.DeviceViews(ask)
+        self.rules = views.RuleViews(ask)
+        self.judges = views.JudgeViews(ask)
+        self.token = views.TokenViews(ask)
+        self.decisions = views.DecisionViews(ask, self.history)
 
     # -- addresses -----------------------------------------------------------------------------------------
 

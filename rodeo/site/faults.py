@@ -6,9 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from decimal import Decimal
 from urllib.parse import urlsplit
 
-from pydantic import (
-    BaseModel,
-)
+from pydantic import BaseModel
 
 from rodeo.lab.config import Pose2
 from rodeo.money.currency import InvalidAmount
@@ -25,14 +23,7 @@ from rodeo.site.names import (
     panel,
     votes_needed,
 )
-from rodeo.site.sections import (
-    MIN_VOTERS,
-    AgentConfig,
-    ChainConfig,
-    ClockConfig,
-    FromHour,
-    RateConfig,
-)
+from rodeo.site.sections import MIN_VOTERS, AgentConfig, ChainConfig, ClockConfig, FromHour, RateConfig
 from rodeo.text.site_problems import Place, close
 
 _OWN_WALLETS = ("organization", ORACLE)

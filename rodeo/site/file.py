@@ -6,13 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Self, TypeVar
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from rodeo.errors import ConfigError
 from rodeo.host.stamps import FASTEST_CLOCK
@@ -26,30 +20,7 @@ from rodeo.lab.config import (
     RobotConfig,
 )
 from rodeo.lab.rooms import RoomConfig, walls
-from rodeo.site import endpoint
-from rodeo.site.sections import (
-    AgentConfig,
-    BridgeConfig,
-    BusConfig,
-    ChainConfig,
-    ClockConfig,
-    ConsoleConfig,
-    DemoConfig,
-    DiskConfig,
-    DisputesConfig,
-    EconomyConfig,
-    ExperimentConfig,
-    GovernanceConfig,
-    JudgeConfig,
-    KindConfig,
-    MetricsConfig,
-    OracleConfig,
-    OtherBridgeConfig,
-    ParticipantConfig,
-    PeopleConfig,
-    RosConfig,
-    StoreConfig,
-)
+from rodeo.site import endpoint, sections
 
 ANSWER_WALL_S = 5.0
 """Wall time in which a process hears of an assignment and has given it back, on a slow machine."""
@@ -66,24 +37,24 @@ class SiteFile(BaseModel):
     """Where processes keep what must survive them. A relative path is resolved against the site file that
     sets it, and `~` is the user's home."""
 
-    bus: BusConfig = BusConfig()
-    clock: ClockConfig = ClockConfig()
-    chain: ChainConfig = ChainConfig()
-    economy: EconomyConfig = EconomyConfig()
-    governance: GovernanceConfig = GovernanceConfig()
-    disputes: DisputesConfig | None = None
+    bus: sections.BusConfig = sections.BusConfig()
+    clock: sections.ClockConfig = sections.ClockConfig()
+    chain: sections.ChainConfig = sections.ChainConfig()
+    economy: sections.EconomyConfig = sections.EconomyConfig()
+    governance: sections.GovernanceConfig = sections.GovernanceConfig()
+    disputes: sections.DisputesConfig | None = None
     """By default what the oracles say is final."""
-    disk: DiskConfig = DiskConfig()
-    store: StoreConfig = StoreConfig()
-    oracle: OracleConfig = OracleConfig()
-    oracles: list[JudgeConfig] = []
+    disk: sections.DiskConfig = sections.DiskConfig()
+    store: sections.StoreConfig = sections.StoreConfig()
+    oracle: sections.OracleConfig = sections.OracleConfig()
+    oracles: list[sections.JudgeConfig] = []
     """Several oracles that vote. By default there is one, whose verdict is enough."""
-    agent: AgentConfig = AgentConfig()
-    bridge: BridgeConfig = BridgeConfig()
-    bridges: list[OtherBridgeConfig] = []
+    agent: sections.AgentConfig = sections.AgentConfig()
+    bridge: sections.BridgeConfig = sections.BridgeConfig()
+    bridges: list[sections.OtherBridgeConfig] = []
     """By default one bridge manages all wallets."""
-    metrics: MetricsConfig = MetricsConfig()
-    console: ConsoleConfig = ConsoleConfig()
+    metrics: sections.MetricsConfig = sections.MetricsConfig()
+    console: sections.ConsoleConfig = sections.ConsoleConfig()
 
     lab: LabConfig
     mocap: MocapConfig = MocapConfig()
@@ -94,13 +65,13 @@ class SiteFile(BaseModel):
     places: list[PlaceConfig] = []
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
-    participants: list[ParticipantConfig] = []
-    ros: list[RosConfig] = []
+    participants: list[sections.ParticipantConfig] = []
+    ros: list[sections.RosConfig] = []
     """By default nobody's ROS 2 nodes take part in the organization, and no process waits for them."""
-    people: PeopleConfig = PeopleConfig()
-    demo: DemoConfig | None = None
-    experiment: ExperimentConfig | None = None
-    kinds: list[KindConfig] = []
+    people: sections.PeopleConfig = sections.PeopleConfig()
+    demo: sections.DemoConfig | None = None
+    experiment: sections.ExperimentConfig | None = None
+    kinds: list[sections.KindConfig] = []
     """The kinds of work that the organization knows. The code of those that are installed is imported beside
     the keys, so only what is named here is."""
 
@@ -119,7 +90,7 @@ class SiteFile(BaseModel):
 
     @field_validator("kinds")
     @classmethod
-    def _kinds_differ(cls, kinds: list[KindConfig]) -> list[KindConfig]:
+    def _kinds_differ(cls, kinds: list[sections.KindConfig]) -> list[sections.KindConfig]:
         names = [kind.name for kind in kinds]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"listed twice: {', '.join(twice)}")

@@ -17,6 +17,7 @@ from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.contracts.types import Role, TimelockRole
 from rodeo.chain.node.errors import ContractReverted
 from rodeo.chain.proposals import WHY
+from rodeo.chain.views import DecisionViews
 from rodeo.commands import COMMANDS
 from rodeo.commands.errors import (
     ActsAtOnce,
@@ -236,7 +237,7 @@ def test_what_a_founder_leaves_to_be_done_later_is_listed(
         client = ChainClient(site.chain.url, deployment)
         grant = client.organization_calls.grant_role(Role.TREASURER, founder.address)
         client.send(founder, client.governance_calls.found([grant], bytes(32))[0])
-        monkeypatch.setattr(ChainClient, "pending_operations", lambda _client: {})
+        monkeypatch.setattr(DecisionViews, "pending", lambda _views: {})
         contracts.set_up(site, w3, deployment, founder, lambda _text: None)
         office = Office(Organization(site), tmp_path)
         office.read()
