@@ -49,7 +49,7 @@ class Blocks:
         return header
 
     def state(self, tag: Any) -> StateAPI:
-        """Of all accounts after the block. Raises RpcError when there is none."""
+        """Accounts and storage after the block. Raises RpcError when there is none."""
         return self.local_chain.state(self.header(tag))
 
     def block(self, tag: Any) -> BlockAPI | None:

@@ -337,27 +337,35 @@ class ConsumedActs:
                 return None
             wait: Wait | None = None
             for other in sorted(self._claimants(), key=lambda one: one.place):
-                if other.key == me.key:
-                    continue
-                earlier, own = other.place < me.place, other.executor == me.executor
-                if other.accepted or (own and other.stands):
-                    if self._unread(other):
-                        wait = wait or Wait(other, "its report could not be read yet")
-                    elif (both := _overlap(wanted, self._acts(other))) is not None:
-                        if own or due or other.over:
-                            return Spent(both[0].text, other, both[1].text, earlier, own)
-                        wait = wait or Wait(other, "it was accepted, and that may be replaced yet")
-                elif not own and (other.key in self._away or (due and other.key not in self._judged)):
-                    continue
-                elif (earlier or other.key in self._clear) and other.waits and wait is None:
-                    known = other.key in self._judged
-                    theirs = self._judged.get(other.key)
-                    if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
-                        was = "was submitted earlier" if earlier else "may be paid for it"
-                        wait = Wait(other, f"it {was} and has no ruling yet")
+                found = None if other.key == me.key else self._in_the_way(other, me, wanted, due)
+                if isinstance(found, Spent):
+                    return found
+                wait = wait or found
             if wait is None:
                 self._clear.add(me.key)
             return wait
+
+    def _in_the_way(
+        self, other: Submission, me: Submission, wanted: dict[str, list[Act]], due: bool
+    ) -> Spent | Wait | None:
+        """What one other submission has to do with the acts that are `wanted`."""
+        earlier, own = other.place < me.place, other.executor == me.executor
+        if other.accepted or (own and other.stands):
+            if self._unread(other):
+                return Wait(other, "its report could not be read yet")
+            if (both := _overlap(wanted, self._acts(other))) is None:
+                return None
+            if own or due or other.over:
+                return Spent(both[0].text, other, both[1].text, earlier, own)
+            return Wait(other, "it was accepted, and that may be replaced yet")
+        if not own and (other.key in self._away or (due and other.key not in self._judged)):
+            return None
+        if (earlier or other.key in self._clear) and other.waits:
+            known, theirs = other.key in self._judged, self._judged.get(other.key)
+            if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
+                was = "was submitted earlier" if earlier else "may be paid for it"
+                return Wait(other, f"it {was} and has no ruling yet")
+        return None
 
     def _find(self, task_id: int, attempt: int) -> Submission | None:
         return next((one for one in self._submissions.get(task_id, ()) if one.attempt == attempt), None)

@@ -208,18 +208,8 @@ def replay_of(case: Case) -> Replay:
     arm = arm_model(case.robot.kinematics)
     fingers_m = joints.named("position", list(arm.fingers))
     phases = phases_of(case)
-    if case.mocap:
-        item = pose_of(case, case.item.id)
-        seen = np.flatnonzero(item.time_s <= phases.closing_s)
-        if not len(seen):
-            raise CaseError("motion capture did not sign where the item lay", before_s=phases.closing_s)
-        # Of the last poses, as single ones are a little off.
-        last = seen[item.time_s[seen] > item.time_s[seen[-1]] - LAY_S]
-        item_m = np.median(item.position_m[last], axis=0)
-        item_quat = item.quaternion[last].mean(axis=0)
-        item_quat /= np.linalg.norm(item_quat)
-    else:
-        item_m, item_quat = sighting(case, phases.closing_s)
+    lay = _signed_pose if case.mocap else sighting
+    item_m, item_quat = lay(case, phases.closing_s)
     known_s = kinematics_of(case).time_s
     start_s = max(phases.closing_s - BEFORE_CLOSING_S, known_s[0])
     end_s = min(phases.rest_s + SETTLE_S, known_s[-1])
@@ -261,6 +251,18 @@ def replay_of(case: Case) -> Replay:
         None,
     )
     return exact if perturbation is None else world.run(motion, perturbation)
+
+
+def _signed_pose(case: Case, before_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Position and quaternion of the item as it lay, by motion capture. Raises CaseError."""
+    item = pose_of(case, case.item.id)
+    seen = np.flatnonzero(item.time_s <= before_s)
+    if not len(seen):
+        raise CaseError("motion capture did not sign where the item lay", before_s=before_s)
+    # Of the last poses, as single ones are a little off.
+    last = seen[item.time_s[seen] > item.time_s[seen[-1]] - LAY_S]
+    quaternion = item.quaternion[last].mean(axis=0)
+    return np.median(item.position_m[last], axis=0), quaternion / np.linalg.norm(quaternion)
 
 
 @once_per_case

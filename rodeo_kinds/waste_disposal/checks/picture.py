@@ -78,24 +78,8 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
             source=_SOURCE,
         )
     answer = f"{found.label} ({found.confidence:.2f})"
-    if said.item_class not in _may_be_said(found):
-        return undecided(
-            f"it said {quoted(said.item_class)}, and the network that it names says {answer} of its pictures",
-            f"the bin {bin_name}",
-            source=_SOURCE,
-        )
-    if _differs(found.told, said.probabilities):
-        return undecided(
-            f"it signed other probabilities than the network that it names has: {found.told}",
-            f"the bin {bin_name}",
-            source=_SOURCE,
-        )
-    if said.thresholds_sha256 != found.thresholds_sha256:
-        return undecided(
-            f"it signed other thresholds than the network that it names has: {found.thresholds_sha256}",
-            f"the bin {bin_name}",
-            source=_SOURCE,
-        )
+    if other := _other_words(said, found, answer):
+        return undecided(other, f"the bin {bin_name}", source=_SOURCE)
     of_several = f" of {len(pictures)} pictures" if len(pictures) > 1 else ""
     sure = max(said.probabilities.values(), default=0.0)
     return Finding(
@@ -105,6 +89,18 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         detail=f"the bin said {quoted(said.item_class)} ({sure:.2f}){of_several}; the same network says "
         f"{answer}",
     )
+
+
+def _other_words(said: Classification, found: Answer, answer: str) -> str:
+    """What the bin said that its network does not say of the same pictures; empty where it said the same."""
+    named = "the network that it names"
+    if said.item_class not in _may_be_said(found):
+        return f"it said {quoted(said.item_class)}, and {named} says {answer} of its pictures"
+    if _differs(found.told, said.probabilities):
+        return f"it signed other probabilities than {named} has: {found.told}"
+    if said.thresholds_sha256 != found.thresholds_sha256:
+        return f"it signed other thresholds than {named} has: {found.thresholds_sha256}"
+    return ""
 
 
 def _may_be_said(found: Answer) -> set[str]:

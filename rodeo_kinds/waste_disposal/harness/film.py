@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from rodeo.checks.case import ChainRecord
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import BinConfig, ItemConfig, Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S, WATCHED_S
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.site import topics
@@ -51,8 +51,7 @@ def film_cleaning(
     item = next(item for item in site.items if item.id == item_id)
     layout = BinLayout(site.bins[0])
     place = camera.data.body(item_id)
-    lies = (float(place.xpos[0]), float(place.xpos[1]))
-    beside = Pose2(x_m=lies[0] - PICK_DISTANCE_M, y_m=lies[1])
+    beside = Pose2(x_m=float(place.xpos[0]) - PICK_DISTANCE_M, y_m=float(place.xpos[1]))
     before = start or Pose2(x_m=beside.x_m - 0.5, y_m=beside.y_m)
     camera.put_robot(before)
     operator.wait(0.5)
@@ -72,21 +71,7 @@ def film_cleaning(
 
     camera.say("robot/presentation", bin=site.bins[0].name)
     operator.show(item, layout)
-    wanted = site.bins[0].compartment_of(item.item_class)
-    picture = (RENDERINGS / f"{item.item_class.value}_1.jpg").read_bytes()
-    camera.photograph(site.bins[0].name, picture)
-    camera.say(
-        "bin/classification",
-        number=1,
-        item_class=item.item_class.value,
-        probabilities={item.item_class.value: 1.0},
-        compartment=wanted,
-        full=False,
-        image_sha256="0x" + hashlib.sha256(picture).hexdigest(),
-        model_sha256=model_sha256(),
-        thresholds_sha256=thresholds_sha256(),
-        shown_s=camera.now_ns * 1e-9,
-    )
+    wanted = _classified(camera, site.bins[0], item)
     released_s = camera.now_ns * 1e-9
     operator.drop(item, layout, compartment or wanted)
     inside = [n for n in site.bins[0].compartments if layout.contains(n, tuple(place.xpos))]
@@ -105,6 +90,26 @@ def film_cleaning(
     operator.wait(0.5)
     camera.still(after_drop_s)
     return Take(camera.samples)
+
+
+def _classified(camera: Camera, smart_bin: BinConfig, item: ItemConfig) -> str:
+    """The compartment that the bin asks for: it takes a picture and says what it is."""
+    wanted = smart_bin.compartment_of(item.item_class)
+    picture = (RENDERINGS / f"{item.item_class.value}_1.jpg").read_bytes()
+    camera.photograph(smart_bin.name, picture)
+    camera.say(
+        "bin/classification",
+        number=1,
+        item_class=item.item_class.value,
+        probabilities={item.item_class.value: 1.0},
+        compartment=wanted,
+        full=False,
+        image_sha256="0x" + hashlib.sha256(picture).hexdigest(),
+        model_sha256=model_sha256(),
+        thresholds_sha256=thresholds_sha256(),
+        shown_s=camera.now_ns * 1e-9,
+    )
+    return wanted
 
 
 def watched(take: Take, for_s: float = RECORDED_AFTER_DROP_S) -> Take:
