@@ -63,11 +63,7 @@ def film_cleaning(
     operator.wait(linger_s / 2)
     if sway_rad:
         operator.sway(sway_rad)
-    for x_m, y_m in via:
-        here = camera.body.pose
-        operator.drive_to(Pose2(x_m=x_m, y_m=y_m, yaw_rad=math.atan2(y_m - here.y_m, x_m - here.x_m)))
-    operator.drive_to(layout.parking)
-    operator.sway_no_more()
+    _carry(operator, camera, via, layout)
 
     camera.say("robot/presentation", bin=site.bins[0].name)
     operator.show(item, layout)
@@ -90,6 +86,16 @@ def film_cleaning(
     operator.wait(0.5)
     camera.still(after_drop_s)
     return Take(camera.samples)
+
+
+def _carry(
+    operator: FilmedOperator, camera: Camera, via: Sequence[tuple[float, float]], layout: BinLayout
+) -> None:
+    for x_m, y_m in via:
+        here = camera.body.pose
+        operator.drive_to(Pose2(x_m=x_m, y_m=y_m, yaw_rad=math.atan2(y_m - here.y_m, x_m - here.x_m)))
+    operator.drive_to(layout.parking)
+    operator.sway_no_more()
 
 
 def _classified(camera: Camera, smart_bin: BinConfig, item: ItemConfig) -> str:
