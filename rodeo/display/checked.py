@@ -45,7 +45,9 @@ _STATES = {True: "passed", False: "failed", None: "skipped"}
 class Line:
     """One check. `state` is passed, failed, undecided, given up, impossible or skipped."""
 
+    check: str
     name: str
+    """The same in words."""
     state: str
     value: str
     limit: str
@@ -53,6 +55,8 @@ class Line:
     about: str
     used: float | None
     """Share of the limit that was used, 1 at the limit; None without numbers to compare."""
+    bound: float | None
+    """The limit as a number."""
     group: str
 
     @property
@@ -116,7 +120,9 @@ def _line(check: Json) -> Line:
         shown = "" if at_most is None else f"at {'most' if at_most else 'least'} {shown}"
     about = str(check.get("detail") or check.get("source") or "")[:_DETAIL].removesuffix(": ")
     value = _value(measured, limit, scale, unit)
-    return Line(name.replace("_", " "), state, value, shown, about, used, _GROUP_OF.get(name, OTHER))
+    bound = None if at_most is None else float(limit)
+    words = name.replace("_", " ")
+    return Line(name, words, state, value, shown, about, used, bound, _GROUP_OF.get(name, OTHER))
 
 
 def _is_number(value: Any) -> bool:

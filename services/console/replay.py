@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from rodeo.display.checked import lines
 from rodeo.display.formatting import phrase
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement, LayoutChanged
@@ -15,6 +16,7 @@ from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.headings import yaws_of
+from rodeo.robot.recording import STALLED
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.site import topics
@@ -23,6 +25,7 @@ from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.text.strict_json import Json
 from rodeo.witness.motion import track as signed_track
 from rodeo.witness.statement import Classification, Drop, Motion, Removal, Watch, parse
+from services.console.curves import carried, checks_at, curves, gap_m, recorded, rows_at
 from services.console.scene import arm_drawing
 from services.console.solids import joint_names
 
@@ -38,38 +41,38 @@ _PICTURES, _PICTURE_BYTES = 6, 200_000
 _KINDS = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpeg"}
 
 
-def track(proof: Proof, site: Site) -> Json:
-    """What `LabReplay` shows. Raises EvidenceError when a topic cannot be read."""
+def track(proof: Proof, site: Site, report: Json | None = None) -> Json:
+    """What `LabReplay` shows, with the checks of the `report` on it. Raises EvidenceError when a topic cannot
+    be read."""
     start_ns, end_ns = proof.start_ns, proof.end_ns
     duration_s = (end_ns - start_ns) * 1e-9
     frames = int(min(FRAMES, max(2, duration_s * 2)))
     at_ns = np.linspace(start_ns, end_ns, frames)
     motion = _motion(proof)
+    t = [round(float(one), 1) for one in (at_ns - start_ns) * 1e-9]
+    robots = {one.name: _robot(proof, motion, one, at_ns) for one in site.robots}
+    items = {one.id: _pose(motion, one.id, at_ns) for one in site.items}
+    seen = {name: one for name, one in items.items() if one is not None}
+    marks, moments = _marks(proof, start_ns)
+    moments |= {"started": 0.0, "ended": t[-1]}
+    checked = lines(report or {})
+    drawn: list[Json] = []
+    robot = next((one for one in site.robots if robots[one.name] is not None), None)
+    if robot is not None:
+        drawn = curves(proof, site, robot, at_ns, checked)
+        for moment, (at_s, item) in carried(seen, gap_m(proof, robot, at_ns), t).items():
+            marks.append({"t": at_s, "text": f"{moment.capitalize()} {item}"})
+            moments[moment] = at_s
     return {
         "duration_s": round(duration_s, 1),
-        "t": _rounded((at_ns - start_ns) * 1e-9, 1),
-        "robots": {
-            robot.name: columns
-            for robot in site.robots
-            if (columns := _robot(proof, motion, robot, at_ns)) is not None
-        },
-        "items": {
-            item.id: columns for item in site.items if (columns := _pose(motion, item.id, at_ns)) is not None
-        },
-        "marks": _marks(proof, start_ns),
+        "t": t,
+        "robots": {name: one for name, one in robots.items() if one is not None},
+        "items": seen,
+        "marks": sorted(marks, key=lambda mark: mark["t"])[:_MARKS],
         "pictures": _pictures(proof, site),
+        "curves": drawn,
+        "checks": checks_at(moments, drawn, t, checked),
     }
-
-
-def _table(proof: Proof, topic: topics.Topic, name: str) -> Table | None:
-    """The topic's messages; None where it was not recorded."""
-    full = "/" + name
-    return proof.table(full, topic.type) if proof.count(full) else None
-
-
-def _rows(table: Table, at_ns: Array) -> Array:
-    """The last message before each instant, the first one until then."""
-    return np.clip(np.searchsorted(table.log_ns, at_ns, side="right") - 1, 0, len(table) - 1)
 
 
 def _motion(proof: Proof) -> list[Motion]:
@@ -102,32 +105,32 @@ def _robot(proof: Proof, motion: list[Motion], robot: RobotConfig, at_ns: Array)
     name, namespace = robot.name, robot.namespace
     columns = _pose(motion, name, at_ns)
     if columns is None:
-        odom = _table(proof, topics.ODOM, topics.ODOM.name(ns=namespace))
+        odom = recorded(proof, topics.ODOM, topics.ODOM.name(ns=namespace))
         if odom is None:
             return None
-        rows = _rows(odom, at_ns)
+        rows = rows_at(odom, at_ns)
         columns = {axis: _rounded(odom[f"pose.pose.position.{axis}"][rows]) for axis in "xy"}
         columns["yaw"] = _rounded(_yaw(odom, "pose.pose.orientation", rows))
     columns.pop("z", None)
-    joints = _table(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=namespace))
+    joints = recorded(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=namespace))
     if joints is not None:
         arm = arm_drawing(robot.kinematics)
         try:
-            angles = joints.named("position", arm.joints)[_rows(joints, at_ns)]
+            angles = joints.named("position", arm.joints)[rows_at(joints, at_ns)]
         except LayoutChanged:
             angles = np.empty((0, len(arm.joints)))  # another robot's arm, which this map cannot draw
         columns["arm"] = [arm.points(row) for row in angles]
         columns["joints"] = _joints(joints, joint_names(robot.kinematics), at_ns)
-    battery = _table(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=namespace))
+    battery = recorded(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=namespace))
     if battery is not None:
-        columns["soc"] = _rounded(battery["percentage"][_rows(battery, at_ns)])
+        columns["soc"] = _rounded(battery["percentage"][rows_at(battery, at_ns)])
     return columns
 
 
 def _joints(table: Table, names: list[str], at_ns: Array) -> list[list[float | None]]:
     """At each instant the positions of the drawing's joints; None of those that were not recorded."""
     known = set(table.names())
-    rows = _rows(table, at_ns)
+    rows = rows_at(table, at_ns)
     columns = [
         _rounded(table.named("position", [name])[rows, 0]) if name in known else [None] * len(rows)
         for name in names
@@ -144,13 +147,16 @@ def _rounded(values: Array, digits: int = 3) -> list[float | None]:
     return [round(float(value), digits) if np.isfinite(value) else None for value in values]
 
 
-def _marks(proof: Proof, start_ns: int) -> list[Json]:
-    """Contract events, notes of the recorder and statements of devices, in order of time."""
+def _marks(proof: Proof, start_ns: int) -> tuple[list[Json], dict[str, float]]:
+    """Contract events, notes of the recorder, statements of devices; and when which of `MOMENTS` was."""
     marks: list[Json] = []
-    for topic, log_ns, text in _said(proof):
-        marks.append({"t": round((log_ns - start_ns) * 1e-9, 1), "text": text[:_TEXT], "from": topic})
-    marks.sort(key=lambda mark: mark["t"])
-    return marks[:_MARKS]
+    moments: dict[str, float] = {}
+    for log_ns, text, moment in _said(proof):
+        at_s = round((log_ns - start_ns) * 1e-9, 1)
+        marks.append({"t": at_s, "text": text[:_TEXT]})
+        if moment:
+            moments[moment] = at_s
+    return marks, moments
 
 
 def _pictures(proof: Proof, site: Site) -> list[Json]:
@@ -180,41 +186,44 @@ def _picture(data: bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(picture).decode()}"
 
 
-def _said(proof: Proof) -> list[tuple[str, int, str]]:
+def _said(proof: Proof) -> list[tuple[int, str, str]]:
+    """Time, sentence, and the moment that it is, if any."""
     return [
-        (channel, log_ns, text)
+        (log_ns, *told)
         for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)
         if proof.count(channel)
         for log_ns, value in zip(proof.topics[channel].log_ns, proof.json(channel), strict=True)
-        if (text := _sentence(value))
+        if (told := _sentence(value))[0]
     ]
 
 
-def _stated(payload: Json) -> str:
+def _stated(payload: Json) -> tuple[str, str]:
     try:
         statement = parse(payload)
     except BadStatement:
-        return ""
+        return "", ""
     match statement:
         case Classification():
-            return f"Bin: this is {statement.item_class}"
+            return f"Bin: this is {statement.item_class}", "shown to the bin"
         case Drop():
-            return f"Bin: it fell into {statement.compartment}"
+            return f"Bin: it fell into {statement.compartment}", "fell into the bin"
         case Removal():
-            return f"Bin: something was taken out of {statement.compartment}"
+            return f"Bin: something was taken out of {statement.compartment}", ""
         case Watch():
-            return f"Bin: watched {statement.compartment} after the drop"
-    return ""
+            return f"Bin: watched {statement.compartment} after the drop", ""
+    return "", ""
 
 
-def _sentence(value: Json) -> str:
-    """One recorded object in words; empty for readings that come every second."""
+def _sentence(value: Json) -> tuple[str, str]:
+    """One recorded object in words, and its moment; empty for readings that come every second."""
     payload = value.get("payload")
     if isinstance(payload, dict):
         return _stated(payload)
     name = value.get("name") or value.get("event")
     if not isinstance(name, str):
-        return ""
-    sentence = phrase(name)
+        return "", ""
+    if name == STALLED:
+        return "The robot's odometry was silent", ""
     detail = value.get("message")
-    return f"{sentence}: {detail}" if isinstance(detail, str) else sentence
+    told = f"{phrase(name)}: {detail}" if isinstance(detail, str) else phrase(name)
+    return told, "gave up" if name == "execution_failed" else ""

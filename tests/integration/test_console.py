@@ -42,6 +42,7 @@ PAGES = (
     "/tasks",
     "/tasks/new",
     "/tasks/1",
+    "/replay?left=1",
     "/services",
     "/treasury",
     "/proposals",
@@ -109,6 +110,20 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     said = page.get_by_role("list", name="What was recorded")
     expect(said.get_by_text("Task settled")).to_have_count(0)  # the recording ends before
     expect(said.get_by_text("Bin: it fell into yellow")).to_be_visible()
+    expect(page.get_by_role("img", name="grip force over time")).to_be_visible()
+    page.get_by_role("button", name=re.compile("lifted: .*grasp passed")).click()
+    expect(said.locator(".past").last).to_contain_text("Lifted")
+
+    open_page(page, "/replay")
+    page.locator("input[type=file]").last.set_input_files(
+        {"name": "found.mcap", "mimeType": "", "buffer": download.value.path().read_bytes()}
+    )
+    dropped = page.get_by_role("region", name="Right")
+    expect(dropped.get_by_text("found.mcap: sealed; nobody has checked it")).to_be_visible()
+    expect(dropped.get_by_role("slider", name="Time in the recording")).to_be_visible()
+    page.get_by_label("Task, or task.attempt").first.fill(f"{task_id}.1")
+    page.get_by_role("button", name="Show on the left").click()
+    expect(page.get_by_role("slider", name="Time in the recording")).to_have_count(2)
     assert faults == []
     page.close()
 

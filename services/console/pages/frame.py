@@ -60,6 +60,7 @@ class Place:
 PLACES = (
     Place("Overview", "/", "dashboard"),
     Place("Tasks", "/tasks", "checklist"),
+    Place("Replay", "/replay", "replay"),
     Place("Services", "/services", "handyman"),
     Place("Treasury", "/treasury", "account_balance"),
     Place("Proposals", "/proposals", "how_to_vote"),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from decimal import Decimal
 from functools import partial
-from pathlib import Path
 
 from nicegui import ui
 
@@ -31,7 +29,6 @@ from rodeo.display.formatting import (
 )
 from rodeo.display.story import Step
 from rodeo.errors import RodeoError
-from rodeo.evidence.proof import open_proof
 from rodeo.judging.verdicts import (
     MEANINGS,
     NO_REPORT,
@@ -63,9 +60,11 @@ from services.console.pages.frame import (
     time_left,
     user,
 )
+from services.console.pages.replay import track_of
 from services.console.pages.verdict import draw_report
 from services.console.pages.widgets import (
     Field,
+    Link,
     Section,
     Text,
     ask_form,
@@ -83,7 +82,6 @@ from services.console.pages.widgets import (
 )
 from services.console.posting import fitting
 from services.console.queries import Seal
-from services.console.replay import track
 
 _ORACLES_REPORT = "Oracle's report"
 _TOKEN_EVENTS = ("Transfer", "Approval")
@@ -240,6 +238,9 @@ class TaskPage:
                 for one in made
             ],
         )
+        proven = [f"{self._task_id}.{one.number}" for one in made if one.proof_sha256 is not None]
+        if len(proven) > 1:
+            Link("Compare the last two", f"/replay?left={proven[-2]}&right={proven[-1]}")
         dispute.draw_story(story)
 
     def _draw_report(self, report: Json | None, problem: str) -> None:
@@ -355,7 +356,7 @@ class TaskPage:
             return
         self._replay.props("loading")
         try:
-            recording = await ask(_track, self._console, self._shown)
+            recording = await ask(track_of, self._console, self._shown)
         except RodeoError as error:
             fail(error)
             return
@@ -363,12 +364,6 @@ class TaskPage:
             self._replay.props(remove="loading")
         self._replay.visible = False
         self._lab.replay.show(recording)
-
-
-def _track(console: Console, attempt: Attempt) -> Json:
-    """The attempt's recording as the map replays it. Raises UnknownFile, EvidenceError."""
-    with tempfile.TemporaryDirectory(prefix="rodeo-replay-") as folder:
-        return track(open_proof(console.queries.proof(attempt, Path(folder))), console.site)
 
 
 def _seal_facts(seal: Seal, devices: list[OwnedDevice], names: dict[str, str]) -> dict[str, str]:
