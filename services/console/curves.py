@@ -1,4 +1,4 @@
-"""What a recording measured over time, and the seconds that its checks speak of."""
+"""Curves of a recording, and the seconds that its checks speak of."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def rows_at(table: Table, at_ns: Array) -> Array:
 
 
 def gap_m(proof: Proof, robot: RobotConfig, at_ns: Array) -> Array | None:
-    """Between the fingers at each instant; None where it was not recorded."""
+    """The gap between the fingers at each instant; None where it was not recorded."""
     joints = recorded(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=robot.namespace))
     if joints is None:
         return None
@@ -61,7 +61,7 @@ def gap_m(proof: Proof, robot: RobotConfig, at_ns: Array) -> Array | None:
 
 
 def _highest(table: Table, values: Array, at_ns: Array) -> Array:
-    """Of each instant and what came since the one before, so that no peak is missed."""
+    """The highest value at each instant and since the one before, so that no peak is missed."""
     rows = np.searchsorted(table.log_ns, at_ns, side="right")
     starts = np.concatenate([[0], rows[:-1]])
     return np.array(
@@ -83,7 +83,7 @@ def _grip(proof: Proof, _site: Site, robot: RobotConfig, at_ns: Array) -> Array 
 
 
 def _room(proof: Proof, _site: Site, robot: RobotConfig, at_ns: Array) -> Array | None:
-    """How far the arm's joint that is nearest to an end of its range is from there, rad."""
+    """The distance to an end of its range of the arm's joint that is nearest to one, rad."""
     joints = recorded(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=robot.namespace))
     if joints is None:
         return None
@@ -94,7 +94,7 @@ def _room(proof: Proof, _site: Site, robot: RobotConfig, at_ns: Array) -> Array 
 
 
 def _weight(proof: Proof, site: Site, _robot: RobotConfig, at_ns: Array) -> Array | None:
-    """In the compartment whose weight changed most, N."""
+    """The weight in the compartment where it changed most, N."""
     names = [
         topics.BIN_LOAD.name(bin=one.name, compartment=compartment)
         for one in site.bins
@@ -143,7 +143,7 @@ def curves(proof: Proof, site: Site, robot: RobotConfig, at_ns: Array, report: l
 
 
 def carried(items: Mapping[str, Json], gap_m: Array | None, t: list[float]) -> dict[str, tuple[float, str]]:
-    """When the item that rose most was gripped and lifted: moment -> (s, the item); empty if none left the
+    """The grip and the lift of the item that rose most: moment -> (s, the item); empty if none left the
     floor. `gap_m` is between the fingers at each instant."""
     rises = {name: np.array(one["z"], dtype=float) for name, one in items.items()}
     rises = {name: z - z[0] for name, z in rises.items() if len(z) and np.isfinite(z).all()}

@@ -42,8 +42,8 @@ _KINDS = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpeg"}
 
 
 def track(proof: Proof, site: Site, report: Json | None = None) -> Json:
-    """What `LabReplay` shows, with the checks of the `report` on it. Raises EvidenceError when a topic cannot
-    be read."""
+    """The recording as `LabReplay` shows it, with the checks of the `report`. Raises EvidenceError when a
+    topic cannot be read."""
     start_ns, end_ns = proof.start_ns, proof.end_ns
     duration_s = (end_ns - start_ns) * 1e-9
     frames = int(min(FRAMES, max(2, duration_s * 2)))
@@ -175,7 +175,7 @@ def _pictures(proof: Proof, site: Site) -> list[Json]:
 
 
 def _picture(data: bytes) -> str:
-    """As the source of an image; empty for what is none, or too large."""
+    """The picture as the source of an image; empty for what is none, or too large."""
     try:
         picture = types.deserialize(data, topics.BIN_IMAGE.type).data.tobytes()
     except MalformedMessage:

@@ -56,7 +56,7 @@ def joints(kinematics: Path | None, positions: Mapping[str, float]) -> list[floa
 
 
 def joint_names(kinematics: Path | None) -> list[str]:
-    """In the order of the drawing."""
+    """The drawing's joints in its order."""
     return _robot(kinematics).joints
 
 
@@ -135,7 +135,7 @@ def shapes(model: Any, body: int) -> list[Json]:
 
 
 def _shape(model: Any, geom: int, position: Array, quaternion: Array) -> list[Json]:
-    """What is drawn of a geom; nothing of what nobody sees."""
+    """The drawing of a geom; nothing of what nobody sees."""
     import mujoco
 
     material = int(model.geom_matid[geom])

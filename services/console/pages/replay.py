@@ -24,7 +24,7 @@ from services.console.replay import track
 
 SIDES = ("left", "right")
 _MAX_BYTES = MAX_BODY_BYTES - (1 << 20)
-"""Of a file that is dropped: the guard counts what is around it, too."""
+"""Most bytes of a file that is dropped: the guard counts what is around it, too."""
 _NAMED = re.compile(r"(\d{1,9})(?:\.(\d{1,3}))?")
 
 
