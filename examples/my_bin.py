@@ -24,13 +24,13 @@ class MyBin:
     def __init__(self, process, name):
         site, self.process, self.bin = process.site, process, process.site.bin(name)
         self.todo, self.classifier = queue.SimpleQueue(), Classifier()  # one thread does all, in order
-        self.claimants, self.pictures, self.last, self.numbers = {}, {}, {}, {Classification: 0, Drop: 0}
+        self.claimants, self.pictures, self.last = {}, {}, {}
         self.awaited, self.looked, self.view, self.seen_s = None, False, deque(maxlen=5), 0.0
         self.loads, self.weight = {one: deque(maxlen=10) for one in self.bin.compartments}, {}
         key, time = process.wait_account(f"{name}-device"), process.clock.now_ns
         inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self.witness = Witness(process.bus, site.org, name, key, process.data_dir, inputs, time, self.heard)
-        self.roots = DailyRoots(site, Participant(process.bus, site.org, ORGANIZATION), self.witness)
+        DailyRoots(site, Participant(process.bus, site.org, ORGANIZATION), self.witness)
         node = Node(process.bus.session, name, "", site.bus.domain_id, process.clock)
         self.trigger = node.client(topics.BIN_CAPTURE.name(bin=name), topics.BIN_CAPTURE.type)
         self.on(node, topics.BIN_PRESENCE, self.seen)
@@ -98,8 +98,8 @@ class MyBin:
             self.sign(Drop, "disposal", claimants=shown.get("claimants", ()), **said)
 
     def sign(self, model, kept_as, **said):
-        if model in self.numbers:
-            self.numbers[model] = said["number"] = self.numbers[model] + 1
+        if kept_as:
+            said["number"] = 1 + (self.last[kept_as]["payload"]["number"] if kept_as in self.last else 0)
         signed = self.witness.chain.sign(model, self.process.clock.now_s(), **said)
         self.last = self.last | ({kept_as: signed.model_dump()} if kept_as else {})
         self.witness.publish(signed)

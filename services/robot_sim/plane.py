@@ -4,6 +4,7 @@ import logging
 import math
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -245,89 +246,32 @@ def _entity_result(result: int, message: str = "") -> Any:
     return types.new(f"{topics.SET_ENTITY_STATE.type}_Response", result=outcome)
 
 
-class RobotPlane:
-    """What one robot publishes, velocity commands, emergency stop and motor power; its actions are
-    `Actions`."""
+def _publisher(node: Node, robot: SimRobot, topic: topics.Topic) -> Publisher:
+    name = topic.name(ns=robot.config.namespace)
+    return node.publisher(name, topic.type, LATCHED if topic.latched else DEFAULT)
 
-    def __init__(
-        self,
-        node: Node,
-        loop: Loop,
-        robot: SimRobot,
-        commander: Commander,
-    ) -> None:
-        self._loop, self._simulation, self._robot = loop, loop.simulation, robot
-        self._commander = commander
+
+class MotionPlane:
+    """How one robot moved: odometry, joint states, its pose where no motion capture has it, and tf."""
+
+    def __init__(self, node: Node, loop: Loop, robot: SimRobot) -> None:
+        self._robot = robot
         self._number = list(loop.simulation.robots.values()).index(robot)
-        name, self._ns = robot.config.name, robot.config.namespace
-
-        def publisher(topic: topics.Topic) -> Publisher:
-            return node.publisher(topic.name(ns=self._ns), topic.type, LATCHED if topic.latched else DEFAULT)
-
-        arm = robot.body.arm_model
+        ns, publisher = robot.config.namespace, partial(_publisher, node, robot)
         self._odom = publisher(topics.ODOM)
-        self._odometry = messages.odometry_template(self._ns, robot.config.noise)
+        self._odometry = messages.odometry_template(ns, robot.config.noise)
         self._joints = publisher(topics.JOINT_STATES)
-        self._joint_states = messages.joint_state_template(joint_names(arm))
-        self._pose = None if self._simulation.site.lab.mocap else publisher(topics.POSE)
+        self._joint_states = messages.joint_state_template(joint_names(robot.body.arm_model))
+        self._pose = None if loop.simulation.site.lab.mocap else publisher(topics.POSE)
         self._pose_cdr = messages.pose_template()
-        self._arm, self._gripper = publisher(topics.ARM_STATE), publisher(topics.GRIPPER_STATE)
-        self._arm_state = messages.controller_state_template(arm.joints)
-        self._gripper_state = messages.controller_state_template(arm.fingers)
-        self._battery = publisher(topics.BATTERY_STATE)
-        self._battery_state = messages.BatteryState(self._ns, robot.config.battery)
-        self._scan, self._scan_cdr = publisher(topics.SCAN), messages.scan_template(self._ns)
-        self._depth_image, self._depth_info = (
-            publisher(topics.WRIST_DEPTH),
-            publisher(topics.WRIST_DEPTH_INFO),
-        )
-        self._depth_cdr = messages.depth_image_template(self._ns, robot.depth.lens)
-        self._depth_info_cdr = messages.camera_info_template(self._ns, robot.depth.lens)
-        self._image, self._camera = (
-            publisher(topics.WRIST_IMAGE),
-            WristCamera(self._simulation.model, f"{name}/wrist_camera"),
-        )
         self._tf = publisher(topics.TF)
-        self._frames = RobotFrames(self._simulation.model, name, self._ns)
-        odom, base = f"{self._ns}/odom", f"{self._ns}/base_link"
+        self._frames = RobotFrames(loop.simulation.model, robot.config.name, ns)
+        odom, base = f"{ns}/odom", f"{ns}/base_link"
         self._transforms = messages.transforms_template([("map", odom), (odom, base), *self._frames.moving])
-        now_ns = self._simulation.time_ns
+        now_ns = loop.simulation.time_ns
         publisher(topics.TF_STATIC).publish(messages.transforms(now_ns, self._frames.fixed()), now_ns)
-        description = types.new(topics.ROBOT_DESCRIPTION.type, data=robot.description)
-        publisher(topics.ROBOT_DESCRIPTION).publish(description, now_ns)
-        node.subscription(topics.CMD_VEL.name(ns=self._ns), topics.CMD_VEL.type, self._on_cmd_vel)
-        stop = topics.EMERGENCY_STOP
-        node.service(stop.name(ns=self._ns), stop.type, self._on_emergency_stop)
-        power = topics.MOTOR_POWER
-        node.service(power.name(ns=self._ns), power.type, self._on_motor_power)
-
-    def publish(self, tick: int, skipped: bool) -> None:
-        """Publish what is not published in each period, unless time was `skipped`."""
-        now_ns, robot, add = self._simulation.time_ns, self._robot, self._loop.publish_queue.add
-        if tick % SLOW_TICKS == 0:
-            self._publish_controllers(now_ns)
-        if skipped or tick % _SECOND_TICKS == 0:
-            self.publish_power()
-        if (skipped or tick % SLOW_TICKS == 0) and self._scan.matched:
-            add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, robot.scan_m(now_ns)), now_ns)
-        if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
-            add(self._depth_info.publish_cdr, self._depth_info_cdr.encode(now_ns), now_ns)
-            depth = robot.depth_m(now_ns).astype("<f4").view(np.uint8).ravel()
-            add(self._depth_image.publish_cdr, self._depth_cdr.encode(now_ns, depth), now_ns)
-            self._loop.sent()
-        if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
-            jpeg = self._camera.jpeg(self._simulation.data)
-            if jpeg is not None:
-                frame = f"{self._ns}/{CAMERA_SITE}"
-                add(self._image.publish, messages.compressed_image(now_ns, frame, jpeg), now_ns)
-
-    def publish_power(self) -> None:
-        now_ns = self._simulation.time_ns
-        state = self._battery_state.encode(now_ns, self._robot.battery)
-        self._loop.publish_queue.add(self._battery.publish_cdr, state, now_ns)
 
     def columns(self, periods: Periods) -> list[Column]:
-        """How the robot moved: odometry, joint states, its pose where no motion capture has it, and tf."""
         time_ns, body = periods.time_ns, self._robot.body
         reckoned = periods.reckoned[:, self._number]
         odometry, twist = reckoned_poses(reckoned)
@@ -349,6 +293,79 @@ class RobotPlane:
             frames = np.concatenate((odom_poses[:, None], odometry[:, None], links), axis=1)
             columns.append((self._tf, [*self._transforms.encode(time_ns, frames)]))
         return columns
+
+
+class SensorPlane:
+    """One robot's lidar and cameras, which measure only for who listens."""
+
+    def __init__(self, node: Node, loop: Loop, robot: SimRobot) -> None:
+        self._loop, self._robot, self._ns = loop, robot, robot.config.namespace
+        publisher, lens = partial(_publisher, node, robot), robot.depth.lens
+        self._scan, self._scan_cdr = publisher(topics.SCAN), messages.scan_template(self._ns)
+        self._depth, self._depth_info = publisher(topics.WRIST_DEPTH), publisher(topics.WRIST_DEPTH_INFO)
+        self._depth_cdr = messages.depth_image_template(self._ns, lens)
+        self._depth_info_cdr = messages.camera_info_template(self._ns, lens)
+        self._image = publisher(topics.WRIST_IMAGE)
+        self._camera = WristCamera(loop.simulation.model, f"{robot.config.name}/wrist_camera")
+
+    def publish(self, tick: int, skipped: bool) -> None:
+        seen, robot, add = self._loop.simulation, self._robot, self._loop.publish_queue.add
+        now_ns = seen.time_ns
+        if (skipped or tick % SLOW_TICKS == 0) and self._scan.matched:
+            add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, robot.scan_m(now_ns)), now_ns)
+        if (skipped or tick % _DEPTH_TICKS == 0) and self._depth.matched:
+            add(self._depth_info.publish_cdr, self._depth_info_cdr.encode(now_ns), now_ns)
+            depth = robot.depth_m(now_ns).astype("<f4").view(np.uint8).ravel()
+            add(self._depth.publish_cdr, self._depth_cdr.encode(now_ns, depth), now_ns)
+            self._loop.sent()
+        if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
+            jpeg = self._camera.jpeg(seen.data)
+            if jpeg is not None:
+                frame = f"{self._ns}/{CAMERA_SITE}"
+                add(self._image.publish, messages.compressed_image(now_ns, frame, jpeg), now_ns)
+
+
+class RobotPlane:
+    """What one robot publishes, velocity commands, emergency stop and motor power; its actions are
+    `Actions`."""
+
+    def __init__(
+        self,
+        node: Node,
+        loop: Loop,
+        robot: SimRobot,
+        commander: Commander,
+    ) -> None:
+        self._loop, self._simulation, self._robot = loop, loop.simulation, robot
+        self._commander = commander
+        self.motion, self._sensors = MotionPlane(node, loop, robot), SensorPlane(node, loop, robot)
+        self._ns, arm = robot.config.namespace, robot.body.arm_model
+        publisher = partial(_publisher, node, robot)
+        self._arm, self._gripper = publisher(topics.ARM_STATE), publisher(topics.GRIPPER_STATE)
+        self._arm_state = messages.controller_state_template(arm.joints)
+        self._gripper_state = messages.controller_state_template(arm.fingers)
+        self._battery = publisher(topics.BATTERY_STATE)
+        self._battery_state = messages.BatteryState(self._ns, robot.config.battery)
+        description = types.new(topics.ROBOT_DESCRIPTION.type, data=robot.description)
+        publisher(topics.ROBOT_DESCRIPTION).publish(description, self._simulation.time_ns)
+        node.subscription(topics.CMD_VEL.name(ns=self._ns), topics.CMD_VEL.type, self._on_cmd_vel)
+        stop = topics.EMERGENCY_STOP
+        node.service(stop.name(ns=self._ns), stop.type, self._on_emergency_stop)
+        power = topics.MOTOR_POWER
+        node.service(power.name(ns=self._ns), power.type, self._on_motor_power)
+
+    def publish(self, tick: int, skipped: bool) -> None:
+        """Publish what is not published in each period, unless time was `skipped`."""
+        if tick % SLOW_TICKS == 0:
+            self._publish_controllers(self._simulation.time_ns)
+        if skipped or tick % _SECOND_TICKS == 0:
+            self.publish_power()
+        self._sensors.publish(tick, skipped)
+
+    def publish_power(self) -> None:
+        now_ns = self._simulation.time_ns
+        state = self._battery_state.encode(now_ns, self._robot.battery)
+        self._loop.publish_queue.add(self._battery.publish_cdr, state, now_ns)
 
     def _publish_controllers(self, now_ns: int) -> None:
         robot, add, body = self._robot, self._loop.publish_queue.add, self._robot.body

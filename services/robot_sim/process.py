@@ -72,7 +72,7 @@ class WorldPublisher:
         motion capture sees them."""
         periods = self._periods
         if row == 0:
-            self._columns = [column for robot in self._robots for column in robot.columns(periods)]
+            self._columns = [column for robot in self._robots for column in robot.motion.columns(periods)]
             self._columns += self._lab.columns(periods)
         for publisher, messages in self._columns:
             message = messages[row]
