@@ -275,7 +275,6 @@ class _Scene:
         }
         """By the topic of its poses."""
         seen = set(self.bodies.values())
-        self._ago_ns = round(witnesses.ago_s * 1e9)
         self._mocap_ns = round((witnesses.mocap_clock_s - witnesses.ago_s) * 1e9)
         start_us = (take.samples[0].time_ns + self._mocap_ns) // 1000 - 20_000
         self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None

@@ -68,10 +68,6 @@ class Payloads(Sequence[bytes]):
         """Size of all messages together."""
         return len(self.buffer)
 
-    @property
-    def largest_bytes(self) -> int:
-        return int(self.lengths().max(initial=0))
-
     def lengths(self) -> Array:
         """(n,) of each message, in bytes."""
         return np.diff(np.frombuffer(self.ends, np.uint64), prepend=np.uint64(0)).astype(np.int64)

@@ -37,7 +37,6 @@ CONTROL_STEPS = 10
 CONTROL_PERIOD_S = TIMESTEP_S * CONTROL_STEPS
 
 WHEEL_JOINTS = ("fl_wheel_joint", "fr_wheel_joint", "rl_wheel_joint", "rr_wheel_joint")
-WHEEL_RADIUS_M = 0.1825
 ROLLING_RADIUS_M = 0.1852
 """Between the loaded and the free radius of the tyre: way per radian."""
 TRACK_M = 0.697

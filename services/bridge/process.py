@@ -63,7 +63,6 @@ BLOCKS = Histogram(
     buckets=LATENCY_BUCKETS_S,
 )
 EVENTS = Counter("rodeo_bridge_events_total", "Events published on the bus", ["name"])
-UNDONE_BLOCKS = Counter("rodeo_bridge_undone_blocks_total", "Blocks that a reorganization removed")
 COMMANDS = Histogram(
     "rodeo_bridge_command_seconds",
     "Wall time from a command to its receipt",
