@@ -70,9 +70,9 @@ def in_daily_log(case: Case) -> Finding:
     )
 
 
-def order(case: Case) -> Finding:
-    """Motion capture lists this recording before it sees the item move, and from the grasp to the item's rest
-    it lists what is recorded soon after."""
+def order(case: Case, until_s: float = np.inf) -> Finding:
+    """Motion capture lists this recording before it sees the item move, and from the grasp to the item's
+    rest, or until `until_s`, it lists what is recorded soon after."""
     if not case.mocap:
         return skipped(NO_MOCAP)
     if not case.proof.sealed:
@@ -98,7 +98,7 @@ def order(case: Case) -> Finding:
             detail="number of its first statement that lists this recording, before it sees the item move",
         )
     phases = phases_of(case)
-    return listed_soon(case, heads, phases.closing_s, phases.rest_s)
+    return listed_soon(case, heads, phases.closing_s, min(phases.rest_s, until_s))
 
 
 def heads_of(case: Case) -> list[tuple[int, float, int]]:

@@ -79,6 +79,11 @@ def drop_of(case: Case) -> Drop | None:
         return drops[0] if drops else None  # whenever the item was let go of
     release_s = replay_of(case).release_s
     found = [drop for drop in drops if drop.settled_s >= release_s - EARLY_SLACK_S]
+    if case.mocap:
+        # Junk may weigh as much as the item: rather where motion capture sees that since.
+        found = [
+            one for one in found if _left(case, one.compartment, one.settled_s + CLOCKS_S) == one.compartment
+        ] or found
     fitting = [drop for drop in found if _fits(case, drop)]
     fitting = fitting or [drop for drop in found if _holds(case, drop)] or found
 

@@ -19,7 +19,7 @@ from rodeo.checks.motion.poses import Pose, base_of, clock_ahead_s, motion_of, m
 from rodeo.checks.motion.sources import doubtful, whose
 from rodeo.checks.motion.witnesses import MOVED_M, UNSEEN_S
 from rodeo.checks.report import Finding, given_up, impossible, standing, undecided
-from rodeo.checks.signed.heads import fork, in_file, listed
+from rodeo.checks.signed.heads import LISTED_S, fork, in_file, listed
 from rodeo.checks.signed.testimony import bin_said, own_said, said_before
 from rodeo.evidence.series import Array
 from rodeo.lab.config import RobotConfig
@@ -185,7 +185,9 @@ def _not_brought(case: Case, shown_s: float) -> Finding | None:
     if not case.mocap:
         return None
     for check in _CARRY:
-        found = check(case)
+        # The statements that list the last seconds may be lost, and none comes after the recording.
+        until_s = shown_s - LISTED_S * case.speed
+        found = witnesses.order(case, until_s) if check is witnesses.order else check(case)
         if found.passed is False:
             return found.model_copy(update={"detail": f"{check.__name__}: {found.detail}"})
     if (away_m := from_bin_m(case, pose_of(case, case.item.id), shown_s)) > NEAR_BIN_M:

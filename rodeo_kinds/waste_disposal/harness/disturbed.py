@@ -728,6 +728,20 @@ def stones_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(_junk(told(shop.take, "bin/drop", weight_n=STONE_N), 0.6, STONE_N))
 
 
+@HARNESS.ruining(
+    "weight",
+    "something else may have fallen in with it",
+    role="bystander",
+    ruling="void",
+    doubts="whoever dropped it",
+)
+def its_twin_elsewhere_and_a_stone_with_it(shop: CleaningWorkshop) -> Submission:
+    """A stone falls in together with the item, and before that into another compartment what weighs the same
+    as the item. Motion capture sees where the item is."""
+    take = told(shop.take, "bin/drop", weight_n=STONE_N)
+    return shop.submitted(_junk(take, 0.6, _drop(shop.take)["weight_n"], "green"))
+
+
 @HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
 def its_twin_after_a_stone(shop: CleaningWorkshop) -> Submission:
     """A stone takes the claim, then something falls in that weighs what the item weighs, and the item itself

@@ -320,6 +320,19 @@ def test_a_full_compartment_is_not_the_executors_failure(
     assert report.fault == ("the bin itrash" if full else None)
 
 
+def test_what_no_statement_could_list_any_more_counts_against_nobody(cleaning: Take, judge: Judge) -> None:
+    """The robot still holds the item when its recording ends, and the last head of that is lost."""
+    take = told(cleaning, "bin/classification", full=True).without("bin/drop")
+    shown_s = take.of("bin/classification")[0].time_ns * 1e-9
+    take = given_up(take, "task_failed", after_s=shown_s + 1.0 - take.start_s)
+    lost = Witnesses(hears=lambda time_s: time_s < shown_s - 1.0)
+    report = judge(take, posted(take), witnesses=lost)
+    assert (report.outcome, report.fault) == ("undecided", "the bin itrash"), report.reason
+    deaf = Witnesses(hears=lambda time_s: time_s < shown_s - 8.0)
+    report = judge(take, posted(take), witnesses=deaf)
+    assert report.outcome == "rejected", report.reason
+
+
 def test_without_motion_capture_nobody_vouches_for_it(site: Site, cleaning: Take, judge: Judge) -> None:
     blind = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
     take = given_up(without_mocap(cleaning, "item1"))
