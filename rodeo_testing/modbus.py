@@ -46,12 +46,12 @@ class Panel:
         """Share of what flows that the register counts."""
         self.shown_w: float | None = None
         """The power that the meter shows, where it lies."""
-        self.port = port
-        self._serial_port, self._power_at = serial_port, power_at
-        self._up = threading.Event()
-        self._loop: asyncio.AbstractEventLoop
-        self._server: Any
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+        self._power_at = power_at
+        self._serving = _Serving(self._devices(), port, serial_port)
+
+    @property
+    def port(self) -> int:
+        return self._serving.port
 
     @property
     def address(self) -> str:
@@ -67,36 +67,23 @@ class Panel:
         self.import_wh += self.power_w * seconds / 3600 * self.register_share
 
     def __enter__(self) -> Self:
-        self._thread.start()
-        if not self._up.wait(HANG_S):
-            raise TimeoutError("the panel does not listen")
+        self._serving.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(HANG_S)
-        self._thread.join()
+        self._serving.stop()
 
-    async def _serve(self) -> None:
-        self._loop = asyncio.get_running_loop()
+    def _devices(self) -> list[SimDevice]:
         bits = [SimData(0, count=16, values=False, datatype=DataType.BITS)]
         none = [SimData(0, count=2, datatype=DataType.REGISTERS)]
         serial = [SimData(_SERIAL, count=2, datatype=DataType.REGISTERS)]
         inputs = [SimData(0, count=_REGISTERS, datatype=DataType.REGISTERS)]
-        devices = [
+        return [
             SimDevice(METER, simdata=(list(bits), list(bits), serial, inputs), action=self._on_meter),
             SimDevice(MODULE, simdata=(list(bits), list(bits), none, list(none)), action=self._on_module),
         ]
-        if self._serial_port:
-            self._server = ModbusSerialServer(devices, port=self._serial_port, baudrate=9600, parity="N")
-        else:
-            self._server = ModbusTcpServer(devices, address=("127.0.0.1", self.port))
-        await self._server.serve_forever(background=True)
-        if not self._serial_port:
-            self.port = self._server.transport.sockets[0].getsockname()[1]
-        self._up.set()
-        await self._server.serving
 
     async def _on_meter(
         self, function: int, _start: int, _address: int, _count: int, registers: list[int], _values: Any
@@ -119,3 +106,38 @@ class Panel:
         else:
             registers[0] = int(self.present if function == _READ_INPUTS else self.coil)
         return None
+
+
+class _Serving:
+    """A server in a thread of its own."""
+
+    def __init__(self, devices: list[SimDevice], port: int, serial_port: str) -> None:
+        self.port = port
+        self._devices, self._serial_port = devices, serial_port
+        self._up = threading.Event()
+        self._loop: asyncio.AbstractEventLoop
+        self._server: Any
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+        if not self._up.wait(HANG_S):
+            raise TimeoutError("the panel does not listen")
+
+    def stop(self) -> None:
+        asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(HANG_S)
+        self._thread.join()
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        if self._serial_port:
+            self._server = ModbusSerialServer(
+                self._devices, port=self._serial_port, baudrate=9600, parity="N"
+            )
+        else:
+            self._server = ModbusTcpServer(self._devices, address=("127.0.0.1", self.port))
+        await self._server.serve_forever(background=True)
+        if not self._serial_port:
+            self.port = self._server.transport.sockets[0].getsockname()[1]
+        self._up.set()
+        await self._server.serving

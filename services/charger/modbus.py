@@ -26,7 +26,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from rodeo.errors import ConfigError, RodeoError, unreadable
 from rodeo.host.stamps import sec_nanosec
-from rodeo.lab.config import DockConfig
+from rodeo.lab.config import DockConfig, MeterConfig
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.plain import Message, PlainNode, new, serialize
 from rodeo.site import topics
@@ -146,6 +146,47 @@ def _words(answer: Any) -> bytes:
     return _WORDS.pack(*answer.registers)
 
 
+class Devices:
+    """A dock's meter and its contactor's module. Every method raises MeterAway."""
+
+    def __init__(self, config: MeterConfig) -> None:
+        self._config = config
+        self.map = RegisterMap.load(config.model)
+        self._meter = Line(config.address, config.baud, config.parity)
+        apart = config.contactor_address not in ("", config.address)
+        self._module = Line(config.contactor_address, config.baud, config.parity) if apart else self._meter
+
+    def present(self) -> bool:
+        """Whether a robot is on the contacts."""
+        return self._module.input(self._config.contactor_unit, self._config.present)
+
+    def closed(self) -> bool:
+        """How the contactor's coil stands."""
+        return self._module.coil(self._config.contactor_unit, self._config.coil)
+
+    def move(self, closed: bool) -> bool:
+        """Close or open the contactor; how its coil stands then."""
+        self._module.set_coil(self._config.contactor_unit, self._config.coil, closed)
+        return self.closed()
+
+    def shown(self, now_ns: Callable[[], int]) -> Shown:
+        """What the meter shows. Raises WrongMeter, too."""
+        unit, expected = self._config.unit, self._config.serial
+        if expected is not None and self.map.serial is not None:
+            serial = self._meter.number(unit, self.map.serial)
+            if serial != expected:
+                raise WrongMeter("another meter answers", serial=serial, expected=expected)
+        # The power comes last: its moment is the reading's.
+        import_wh = self._meter.measured(unit, self.map.import_kwh) * 1000
+        voltage_v = self._meter.measured(unit, self.map.voltage_v)
+        power_w = self._meter.measured(unit, self.map.power_w)
+        return Shown(now_ns() * 1e-9, voltage_v, power_w, import_wh)
+
+    def close(self) -> None:
+        for line in {self._meter, self._module}:
+            line.close()
+
+
 class ModbusTerminals:
     """The terminals of a dock on Modbus: read once a second in a thread of their own, and published.
 
@@ -157,15 +198,11 @@ class ModbusTerminals:
     def __init__(
         self, dock: DockConfig, publish: Callable[[Message, int], None], now_ns: Callable[[], int]
     ) -> None:
-        config = self._config = dock.meter
         self._dock, self._publish, self._now_ns = dock, publish, now_ns
-        self._map = RegisterMap.load(config.model)
-        self._meter = Line(config.address, config.baud, config.parity)
-        apart = config.contactor_address not in ("", config.address)
-        self._module = Line(config.contactor_address, config.baud, config.parity) if apart else self._meter
-        most_w = dock.voltage_v * dock.current_a / config.efficiency
+        self._devices = Devices(dock.meter)
+        most_w = dock.voltage_v * dock.current_a / dock.meter.efficiency
         idle_w = dock.voltage_v * dock.cutoff_a / 2
-        self._watch = Watch(self._map.volts, self._map.resolution_wh, idle_w, most_w)
+        self._watch = Watch(self._devices.map.volts, self._devices.map.resolution_wh, idle_w, most_w)
         self._closed = False
         """What the contactor was commanded last."""
         self._lock = threading.Lock()
@@ -217,7 +254,7 @@ class ModbusTerminals:
         if shown is None:
             return {}
         return {
-            "meter": self._map.name,
+            "meter": self._devices.map.name,
             "meter_power_w": round(shown.power_w, 1),
             "meter_import_kwh": round(shown.import_wh / 1000, 3),
         }
@@ -225,12 +262,10 @@ class ModbusTerminals:
     def command(self, closed: bool) -> bool:
         if closed and self._lie is not None:
             return False
-        config = self._config
         with self._lock:
             self._closed = closed
             try:
-                self._module.set_coil(config.contactor_unit, config.coil, closed)
-                stands = self._module.coil(config.contactor_unit, config.coil)
+                stands = self._devices.move(closed)
             except MeterAway as error:
                 log.warning("the contactor of %s: %s", self._dock.name, error)
                 return False
@@ -243,7 +278,7 @@ class ModbusTerminals:
         """Read meter and contactor once. Raises MeterAway."""
         try:
             with self._lock:
-                present, shown, time_ns = self._look()
+                present, shown = self._look()
         except MeterLie as lie:
             self._disbelieve(lie)
             return
@@ -252,14 +287,14 @@ class ModbusTerminals:
         if self._truths >= _BELIEVED_AGAIN and not isinstance(self._lie, RegisterLie):
             self._lie = None
         if self._lie is None:
+            time_ns = round(shown.time_s * 1e9)
             self._publish(self._reading(shown, present, time_ns), time_ns)
 
     def close(self) -> None:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
-        for line in {self._meter, self._module}:
-            line.close()
+        self._devices.close()
 
     # -- inside ----------------------------------------------------------------------------------------
 
@@ -274,26 +309,16 @@ class ModbusTerminals:
                 self._away = str(error)
             self._stop.wait(max(0.0, begun_s + PERIOD_S - time.monotonic()))
 
-    def _look(self) -> tuple[bool, Shown, int]:
+    def _look(self) -> tuple[bool, Shown]:
         """Whether a robot is there, and what the meter shows. Raises MeterAway, MeterLie."""
-        config, registers = self._config, self._map
-        present = self._module.input(config.contactor_unit, config.present)
-        if self._module.coil(config.contactor_unit, config.coil) and not self._closed:
+        present = self._devices.present()
+        if self._devices.closed() and not self._closed:
             # An earlier process left it closed, or somebody else closed it.
             log.warning("the contactor of %s is closed and should not be: opening it", self._dock.name)
-            self._module.set_coil(config.contactor_unit, config.coil, False)
-        if config.serial is not None and registers.serial is not None:
-            serial = self._meter.number(config.unit, registers.serial)
-            if serial != config.serial:
-                raise WrongMeter("another meter answers", serial=serial, expected=config.serial)
-        # The power comes last: its moment is the reading's.
-        import_wh = self._meter.measured(config.unit, registers.import_kwh) * 1000
-        voltage_v = self._meter.measured(config.unit, registers.voltage_v)
-        power_w = self._meter.measured(config.unit, registers.power_w)
-        time_ns = self._now_ns()
-        shown = Shown(time_ns * 1e-9, voltage_v, power_w, import_wh)
+            self._devices.move(False)
+        shown = self._devices.shown(self._now_ns)
         self._watch.see(shown)
-        return present, shown, time_ns
+        return present, shown
 
     def _disbelieve(self, lie: MeterLie) -> None:
         self._truths = 0
@@ -305,7 +330,7 @@ class ModbusTerminals:
 
     def _reading(self, shown: Shown, present: bool, time_ns: int) -> Message:
         """What flows at the contacts."""
-        power_w = max(shown.power_w, 0.0) * self._config.efficiency
+        power_w = max(shown.power_w, 0.0) * self._dock.meter.efficiency
         stamp = new(
             "builtin_interfaces/msg/Time", **dict(zip(("sec", "nanosec"), sec_nanosec(time_ns), strict=True))
         )
@@ -318,6 +343,6 @@ class ModbusTerminals:
             **dict.fromkeys(("temperature", "charge", "capacity", "design_capacity", "percentage"), nan),
             power_supply_status=1 if power_w else 3,
             present=present,
-            location=self._map.name,
-            serial_number=str(self._config.serial or ""),
+            location=self._devices.map.name,
+            serial_number=str(self._dock.meter.serial or ""),
         )

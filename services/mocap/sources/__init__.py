@@ -28,7 +28,7 @@ from rodeo.text.pydantic_words import wrong_fields
 GROUP = "rodeo.mocap_sources"
 """Entry point group: name in the site file -> its `SourceKind`."""
 
-BUILT_IN: dict[str, str] = {}
+BUILT_IN: dict[str, str] = {"natnet": "services.mocap.sources.natnet:SOURCE"}
 """Name in the site file -> "module:SOURCE"."""
 
 

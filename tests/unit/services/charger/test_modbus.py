@@ -46,7 +46,7 @@ class Bench:
         self.terminals = ModbusTerminals(dock, self._publish, lambda: self.time_ns)
 
     def _publish(self, message: Any, time_ns: int) -> None:
-        assert time_ns == self.time_ns
+        assert time_ns == pytest.approx(self.time_ns, abs=1000)
         self.readings.append(deserialize(serialize(message), topics.DOCK_OUTPUT.type))
 
     def run(self, seconds: int) -> None:
