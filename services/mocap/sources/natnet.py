@@ -150,7 +150,7 @@ class NatNet:
         """When the last frame came, or the server was asked anew."""
         self._asked_s = -_ASK_S
         self._number = -1
-        """Of the last frame."""
+        """Number of the last frame."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="natnet", daemon=True)
         self._thread.start()
