@@ -154,7 +154,7 @@ def test_each_of_several_bins_and_docks_speaks_for_itself_only() -> None:
 
 def test_a_dock_that_reads_its_meter_publishes_what_it_reads_and_the_simulator_does_not() -> None:
     site = Site.load(LAB.with_name("plural.toml"))
-    east, west = site.docks
+    west, east = site.docks
     modbus = MeterConfig(source="modbus", address="tcp://192.168.1.20:502")
     mixed = site.model_copy(update={"docks": [east.model_copy(update={"meter": modbus}), west]})
     for dock, process in ((east.name, "charger.dock_east"), (west.name, "robot_sim")):
