@@ -141,8 +141,8 @@ def _docstrings(model: type) -> dict[str, str]:
         return {}
     found = {}
     within = [one for one in reversed(model.__mro__) if one.__module__.startswith("rodeo")]
-    body = [node for one in within for node in _classes(one.__module__)[one.__name__].body]
-    for field, below in pairwise(body):
+    bodies = (_classes(one.__module__)[one.__name__].body for one in within)
+    for field, below in (pair for body in bodies for pair in pairwise(body)):
         match field, below:
             case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=text)):
                 found[name] = str(text)

@@ -71,7 +71,7 @@ ROWS: dict[Call, str] = {
         "Roster.ask_who_is_there",
         "self._asking.liveliness().get(self._everybody)",
     ): TOKENS,
-    ("rodeo/runtime/process.py", "Process.__enter__", "self.bus.serve(key)"): ASKED,
+    ("rodeo/runtime/presence.py", "Presence.start", "self._bus.serve(self._key)"): ASKED,
     (
         "rodeo/recording/pictures.py",
         "PictureFetcher._fetch",

@@ -170,6 +170,7 @@ BEHIND = {
     "rodeo.chain.proposals": "what members decide about",
     "rodeo.chain.contracts.types": "names of what is on chain",
     "rodeo.host.clock": "whose time a process goes by",
+    "rodeo.host.clocked": "how a process waits in it",
     "rodeo.dao": "asks the organization's index",
     "rodeo.display.formatting": "times in words",
     "rodeo.site.endpoint": "addresses of processes",
