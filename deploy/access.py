@@ -3,6 +3,8 @@
     everybody on the bus   may listen to everything and ask most things
     a process              may publish, serve and answer what the table says that it writes
     a robot's body         may publish and serve what is in the robot's namespace, and ask for nothing else
+    a driver               may publish and serve what its bin's or dock's hardware measures and takes, and
+                           the poses that `mocap` listens to; where that is simulated, `robot_sim` may
     a robot's mind         commands the body in that namespace, and takes orders for that robot, no other's
     a device               speaks through the process that has its key
     a wallet               takes from the process that works for it, and from operator and console, the
@@ -27,15 +29,15 @@ from rodeo.dao import ORGANIZATION
 from rodeo.lab.config import RobotConfig
 from rodeo.ros2.definitions import dds_type
 from rodeo.runtime.serving import served_by
-from rodeo.signing.keystores import MOCAP_NAME
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.site.minds import AGENT
 from rodeo.site.names import BRIDGE, body_identity, node_identity, robot_process
 from rodeo.site.processes import processes_of, ros_process
+from rodeo.site.providers import MOTION_CAPTURE, SIMULATOR, driver_identity, drivers, provided_by
 from rodeo.site.ros_names import ros_name
 from rodeo.site.tls import OPERATOR
-from rodeo.site.topics import BODY, EVERY_NODE, NODE, RECORDER, TOPICS, Form, Plane, Topic
+from rodeo.site.topics import BODY, DRIVER, EVERY_NODE, NODE, RECORDER, TOPICS, Form, Plane, Topic
 
 _CALLERS: dict[str, str] = {
     topics.NAVIGATE_TO_POSE.key: AGENT,
@@ -69,7 +71,7 @@ _PARAMETERS = {
 }
 """Services that every node of ROS 2 Jazzy serves under its own name (rclcpp's and rclpy's Node)."""
 
-_ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
+_ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: SIMULATOR}
 """A second writer: bin and dock have frames, too."""
 
 _SIGNED_FOR_PEOPLE = {"sign", "sign_vote"}
@@ -98,7 +100,13 @@ _ANY_KEY = ["**", "@ros2_lv/**", "**/@adv/**"]
 def everybody(site: Site) -> list[str]:
     """The names of those who may be on the bus."""
     bodies = [body_identity(robot.name) for robot in site.robots]
-    return [*(process.name for process in processes_of(site)), *bodies, *nodes_of(site), OPERATOR]
+    return [
+        *(process.name for process in processes_of(site)),
+        *bodies,
+        *drivers(site),
+        *nodes_of(site),
+        OPERATOR,
+    ]
 
 
 def nodes_of(site: Site) -> list[str]:
@@ -136,17 +144,16 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
     # Whose endpoints are in the ROS graph is no secret and no command.
     yield "@ros2_lv/**"
     yield from _parameters_of(site, process)
+    if process == driver_identity(MOTION_CAPTURE):
+        key = f"{site.bus.domain_id}/{site.mocap.address.replace('{body}', '**')}/**"
+        yield from (key, f"{key}/@adv/**")
     roles = _roles(site, process)
     for topic in TOPICS:
         if topic is topics.SERVES:
             # Nobody keeps another from its work by claiming it.
             for what, name in served_by(site, process):
                 yield topic.pattern(org=site.org, what=what, name=name)
-        elif (
-            topic.writer in roles
-            or _ALSO_WRITES.get(topic.key) == process
-            or (topic is topics.DOCK_OUTPUT and _reads_its_meter(site, process))
-        ):
+        elif topic.writer in roles or _ALSO_WRITES.get(topic.key) == process:
             for key in _written_keys(site, topic, process):
                 yield key
                 if topic.plane is not Plane.DAO:
@@ -156,7 +163,7 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
 def _asked_by(site: Site, process: str) -> Iterator[str]:
     yield "**/@adv/**"
     roles = _roles(site, process)
-    if _job(process) in (BODY, NODE):
+    if _job(process) in (BODY, DRIVER, NODE):
         yield from _parameters_of(site, process)
         for topic in TOPICS:
             own = topic.writer == BODY and topic.form is not Form.TOPIC
@@ -215,7 +222,10 @@ def _roles(site: Site, process: str) -> set[str]:
     if job in (BODY, NODE):
         is_mind = process in [robot.mind for robot in site.robots]
         return {job, EVERY_NODE, *([AGENT] if is_mind else [])}
-    return {job, _EVERYBODY, *([RECORDER] if job == AGENT else [])}
+    if job == DRIVER:
+        return {DRIVER, EVERY_NODE}
+    cameras = [MOTION_CAPTURE] if provided_by(site, process, "mocap") else []
+    return {job, DRIVER, _EVERYBODY, *cameras, *([RECORDER] if job == AGENT else [])}
 
 
 def _parameters_of(site: Site, process: str) -> Iterator[str]:
@@ -231,15 +241,10 @@ def _own(site: Site, process: str, what: str) -> list[str]:
     return [thing.name for thing in served_by(site, process) if thing.what == what]
 
 
-def _reads_its_meter(site: Site, process: str) -> bool:
-    """Whether it is the process of a dock that reads its meter itself, and publishes what it reads."""
-    return any(site.dock(name).meter.source != "sim" for name in _own(site, process, "dock"))
-
-
 def _devices_of(site: Site, process: str) -> list[str]:
     """Names of the devices whose keys the process has."""
-    if process == "robot_sim":
-        return [MOCAP_NAME]
+    if cameras := provided_by(site, process, "mocap"):
+        return cameras
     return [name for what in ("bin", "dock", "robot") for name in _own(site, process, what)]
 
 
@@ -263,6 +268,11 @@ def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
         return
     if topic.writer == EVERY_NODE:
         yield f"{site.bus.domain_id}/{topic.name()}/**"
+        return
+    if topic.writer == DRIVER:
+        for part in ("bin", "dock"):
+            for name in provided_by(site, process, part) if f"{{{part}}}" in topic.key else ():
+                yield f"{site.bus.domain_id}/{topic.pattern(**{part: name})}/**"
         return
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
     for robot, device in itertools.product(_robots_of(site, process), devices):
@@ -301,12 +311,7 @@ def _ros_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
 def _keys(site: Site, topic: Topic, speaker: str, **names: str) -> Iterator[str]:
     """The key of its own bin or dock; of all of them for a process that belongs to none."""
     bins = _own(site, speaker, "bin") or [one.name for one in site.bins]
-    simulated = [dock.name for dock in site.docks if dock.meter.source == "sim"]
-    docks = (
-        simulated
-        if speaker == "robot_sim"
-        else _own(site, speaker, "dock") or [dock.name for dock in site.docks]
-    )
+    docks = _own(site, speaker, "dock") or [dock.name for dock in site.docks]
     judges = _own(site, speaker, "oracle") or ["*"]
     for bin_name, dock, judge in itertools.product(
         bins if "{bin}" in topic.key else ["*"],

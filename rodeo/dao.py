@@ -210,7 +210,7 @@ class Participant:
 
     def assignments(self, kind: str) -> list[Task]:
         """Tasks that this participant has to do now, the oldest first."""
-        mine = [task for task in self.tasks(kind=kind, state="assigned") if task.executor_name == self.name]
+        mine = self.tasks(kind=kind, state="assigned", executor=self.name)
         return sorted(mine, key=lambda task: (task.assigned or 0.0, task.id))
 
     def own_service(self, kind: str) -> Offer | None:

@@ -31,6 +31,7 @@ from rodeo.site.config import Site, check_environment, read_tables
 from rodeo.site.faults import ONE_HOST, faults, placed
 from rodeo.site.file import ANSWER_WALL_S
 from rodeo.site.names import BRIDGE, ORACLE, bridge_wallets
+from rodeo.site.providers import SIM, unprovided
 from rodeo.site.sections import STAKE_COVERS
 from rodeo.site.tls import openness
 from rodeo.text.site_problems import Place, close, dotted, explained
@@ -87,12 +88,13 @@ def check(path: Path) -> list[Finding]:
         site = Site(**tables)
     except ValidationError as error:
         return [finding("error", place, text) for place, text in explained(error, Site).items()]
-    if wrong := faults(site) | dict(_lacking(site)):
+    if wrong := faults(site) | dict(_lacking(site)) | dict(_cameras(site)):
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
         for place, text in (
             *((("bus", "open"), why) for why in [undecided_on_open_bus(site)] if why),
+            *unprovided(site),
             *_other_units(site),
             *_demo(site),
             *_one_host(site),
@@ -276,6 +278,23 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
             f"no kind provides energy, which {' and '.join(machines)} need: also list {_providers(known)}. "
             "What a file lists replaces the list of the file that it extends",
         )
+
+
+def _cameras(site: Site) -> Iterator[tuple[Place, str]]:
+    """What the source of motion capture says of its settings."""
+    if site.mocap.source in (None, SIM) or not site.lab.mocap:
+        return
+    from services.mocap.sources import chosen_settings, load
+
+    try:
+        kind = load(str(site.mocap.source))
+    except ConfigError as error:
+        yield ("mocap", "source"), str(error)
+        return
+    try:
+        chosen_settings(kind, site.mocap)
+    except ConfigError as error:
+        yield ("mocap", "settings"), str(error)
 
 
 def undecided_on_open_bus(site: Site) -> str:

@@ -76,7 +76,7 @@ class RevokeDevice(Command):
         return [desk.client.organization_calls.revoke_device(desk.names.address(self.device), reason)]
 
 
-@command("charger", "itrash", "robot_sim")
+@command("charger", "itrash", "mocap", "robot_sim")
 class PostRoot(Command):
     """Fix on chain what a device signed on a day, once per day. Only its owner and operators may send
     this."""

@@ -126,6 +126,7 @@ class CameraConfig(Section):
     """Where a bin's pictures come from."""
 
     source: Literal["bus", "video", "folder"] = "bus"
+    """`bus`: whoever publishes what the bin's other sensors measure."""
     address: str = ""
     """`video`: what OpenCV opens, a device number or path ("0", "/dev/video0") or a stream ("rtsp://...");
     `folder`: its path, which starts at the site file that says it; the bus needs none."""
@@ -154,6 +155,9 @@ class BinConfig(Section):
     http_host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     http_port: int = Field(0, ge=0, le=65535)
     """Port of the bin's page; 0 takes a free port, which the status of its process shows."""
+    source: Literal["sim", "ros2"] | None = None
+    """Publisher of what its sensors measure: `robot_sim`, or a driver with the certificate `driver.<bin>`.
+    Left out: `sim` where the clock is simulated, else nobody."""
     camera: CameraConfig = CameraConfig()
     rim_height_m: Positive = 0.42
     compartment_size_m: tuple[Positive, Positive] = (0.22, 0.20)
@@ -252,10 +256,12 @@ ModbusBit = Annotated[int, Field(ge=0, le=65535)]
 
 
 class MeterConfig(Section):
-    """A dock's meter and contactor: simulated, or on Modbus."""
+    """A dock's meter and contactor."""
 
-    source: Literal["sim", "modbus"] = "sim"
-    """With `modbus` the dock's own process reads the meter, and publishes what it reads."""
+    source: Literal["sim", "ros2", "modbus"] | None = None
+    """With `sim` and `ros2`, `robot_sim` or a driver with the certificate `driver.<dock>` publishes what the
+    meter reads, and switches the contactor. With `modbus` the dock's own process reads the meter, and
+    publishes what it reads. Left out: `sim` where the clock is simulated, else nobody."""
     address: ModbusAddress = ""
     """Where the meter answers: "tcp://host:502", "rtu:///dev/ttyUSB0", or "rtu+tcp://host:4196" for a
     converter that passes the bytes of RTU on."""
@@ -284,7 +290,7 @@ class MeterConfig(Section):
         if (self.source == "modbus") != bool(self.address):
             raise ValueError(
                 'a meter with source = "modbus" needs an address, such as "tcp://192.168.1.20:502", and '
-                "a simulated one takes none"
+                "others take none"
             )
         line = self.contactor_address or self.address
         if line == self.address and self.address and self.contactor_unit == self.unit:

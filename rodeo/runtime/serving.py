@@ -32,6 +32,7 @@ from rodeo.site.names import (
     robot_process,
 )
 from rodeo.site.processes import ros_process
+from rodeo.site.providers import SIMULATOR, provided_by
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +57,7 @@ class Thing(NamedTuple):
     """What only one process may serve."""
 
     what: str
-    """wallet, oracle, robot, bin, dock, ros, clock or console"""
+    """wallet, oracle, robot, bin, dock, mocap, ros, clock or console"""
     name: str
 
     def __str__(self) -> str:
@@ -69,14 +70,15 @@ def served_by(site: Site, process: str) -> list[Thing]:
         return [Thing("wallet", name) for name in names]
     things = {
         "console": Thing("console", "console"),
-        "robot_sim": Thing("clock", f"domain{site.bus.domain_id}"),
+        SIMULATOR: Thing("clock", f"domain{site.bus.domain_id}"),
     }
     things |= {oracle_process(site, name): Thing("oracle", name) for name in oracle_names(site)}
     things |= {bin_process(site, one.name): Thing("bin", one.name) for one in site.bins}
     things |= {dock_process(site, one.name): Thing("dock", one.name) for one in site.docks}
     things |= {ros_process(site, one.owner): Thing("ros", one.owner) for one in site.ros}
     things |= {robot_process(site, robot.name): Thing("robot", robot.name) for robot in site.robots}
-    return [things[process]] if process in things else []
+    cameras = [Thing("mocap", name) for name in provided_by(site, process, "mocap")]
+    return [*([things[process]] if process in things else []), *cameras]
 
 
 @dataclass(frozen=True, order=True)

@@ -25,6 +25,7 @@ from rodeo.errors import KeystoreMissing, WalletError
 from rodeo.signing.keys import Key
 from rodeo.site.config import Site
 from rodeo.site.names import oracle_names
+from rodeo.site.providers import MOTION_CAPTURE
 
 PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
 
@@ -33,9 +34,6 @@ KEY_VARIABLE = "RODEO_KEY_"
 
 _SCRYPT_SPARE_BYTES = 1 << 20
 """What OpenSSL allows scrypt beside what it needs."""
-
-MOCAP_NAME = "mocap"
-"""The lab has one motion capture."""
 
 
 def wallet_names(site: Site) -> list[str]:
@@ -71,7 +69,7 @@ def device_names(site: Site) -> dict[str, SiteDevice]:
         *(SiteDevice("robot", robot.name) for robot in site.robots),
         *(SiteDevice("bin", one.name) for one in site.bins),
         *(SiteDevice("meter", dock.name) for dock in site.docks),
-        SiteDevice("mocap", MOCAP_NAME),
+        SiteDevice("mocap", MOTION_CAPTURE),
         # With these they vote. What sends transactions, and pays for them, is the wallet of the same name.
         *(SiteDevice("oracle", one.name) for one in site.oracles),
     ]

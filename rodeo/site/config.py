@@ -98,6 +98,9 @@ def _resolve_paths(path: Path, tables: dict[str, Any]) -> None:
     match tables:
         case {"chain": {"secret_file": str(secret_file)} as chain}:
             chain["secret_file"] = _beside(path, "secret_file", secret_file, home=True)
+    match tables:
+        case {"mocap": {"source": "recorded", "address": str(recording)} as mocap}:
+            mocap["address"] = _beside(path, "address", recording)
     if isinstance(data_dir := tables.get("data_dir"), str):
         # Not at the working directory: `rodeo down` finds the site from wherever it is called.
         tables["data_dir"] = _beside(path, "data_dir", data_dir, home=True)

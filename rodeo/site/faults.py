@@ -21,6 +21,7 @@ from rodeo.site.names import (
     min_verdict_window_s,
     oracle_names,
     panel,
+    tracked,
     votes_needed,
 )
 from rodeo.site.sections import MIN_VOTERS, AgentConfig, ChainConfig, ClockConfig, FromHour, RateConfig
@@ -41,6 +42,7 @@ def faults(site: SiteFile) -> dict[Place, str]:
         _bridges,
         lambda one: minds.faults(one.robots, one.participants, one.clock.speed),
         lambda one: ros_names.faults(one.org, one.ros, one.robots, one.participants, [*one.bins, *one.docks]),
+        _motion_capture,
         _amounts,
         _governance,
         _oracles,
@@ -166,6 +168,22 @@ ONE_HOST = (
     "post tasks and accept their proofs; give them to different [[bridges]]"
 )
 """What is wrong, or doubtful, with a site that has several bridges."""
+
+
+def _motion_capture(site: SiteFile) -> Iterator[tuple[Place, str]]:
+    wanted = site.mocap
+    if wanted.source is not None and not site.lab.mocap:
+        yield ("mocap", "source"), "lab.mocap = false says that there is none: remove one of the two"
+    others = [site.org, *(one.name for one in site.bins), *(one.name for one in site.docks)]
+    if wanted.source == "ros2" and (why := ros_names.driver_fault(wanted.address, site.robots, others)):
+        yield ("mocap", "address"), why
+    known, told = tracked(site), list(wanted.bodies.values())
+    for name, there in wanted.bodies.items():
+        place: Place = ("mocap", "bodies", name)
+        if name not in known:
+            yield place, f"motion capture follows nothing called {name}{close(name, known)}"
+        elif told.count(there) > 1:
+            yield place, f'two bodies are called "{there}" there'
 
 
 def _amounts(site: SiteFile) -> Iterator[tuple[Place, str]]:

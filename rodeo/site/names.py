@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from rodeo.errors import ConfigError
+from rodeo.lab.config import gripper_body
 from rodeo.site.file import Part, SiteFile
 from rodeo.site.minds import job_beside
 from rodeo.site.topics import BODY, NODE
@@ -30,6 +31,13 @@ def bin_process(site: SiteFile, name: str) -> str:
 def dock_process(site: SiteFile, name: str) -> str:
     """Name of the process that is the meter of the dock called `name`."""
     return _process("charger", site.docks, name)
+
+
+def tracked(site: SiteFile) -> list[str]:
+    """Names of the bodies that motion capture follows."""
+    robots = [robot.name for robot in site.robots]
+    grippers = [gripper_body(name) for name in robots] if site.lab.mocap_gripper else []
+    return [*(item.id for item in site.items), *robots, *grippers]
 
 
 def oracle_names(site: SiteFile) -> list[str]:

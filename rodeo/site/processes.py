@@ -14,6 +14,7 @@ from rodeo.site.names import (
     oracle_process,
     robot_process,
 )
+from rodeo.site.providers import MOTION_CAPTURE, SIMULATOR, provided_by, wants_simulator
 from rodeo.site.topics import RECORDER
 
 
@@ -35,7 +36,8 @@ PROCESSES: tuple[ProcessEntry, ...] = (
     ProcessEntry("charger", "services.charger", "the dock's energy meter"),
     ProcessEntry("console", "services.console", "the web page where people run the organization"),
     ProcessEntry("ros_dao", "services.ros_dao", "the organization as ROS 2 services, for one owner's nodes"),
-    ProcessEntry("robot_sim", "services.robot_sim", "the simulated lab and robots"),
+    ProcessEntry(SIMULATOR, "services.robot_sim", "what is simulated of lab and robots, and the clock"),
+    ProcessEntry(MOTION_CAPTURE, "services.mocap", "publishes and signs what motion capture sees"),
     ProcessEntry(AGENT, "services.robot_agent", "the robot's mind"),
     ProcessEntry(RECORDER, "services.robot_recorder", "records what the robot's mind, a ROS 2 node, does"),
 )
@@ -47,8 +49,8 @@ def ros_process(site: Site, owner: str) -> str:
 
 
 def processes_of(site: Site) -> list[ProcessEntry]:
-    """The processes that `site` needs: no chain where it is elsewhere, and one for each bridge, oracle, bin,
-    dock, robot and owner of ROS 2 nodes."""
+    """The processes that `site` needs: no chain where it is elsewhere, no simulator where nothing is
+    simulated, and one for each bridge, oracle, bin, dock, robot and owner of ROS 2 nodes."""
     own: dict[str, list[ProcessEntry]] = {
         "bridge": [
             BY_NAME["bridge"],
@@ -64,6 +66,10 @@ def processes_of(site: Site) -> list[ProcessEntry]:
     }
     if site.chain.backend == "external":
         own["chain"] = []
+    if not wants_simulator(site):
+        own[SIMULATOR] = []
+    if not provided_by(site, MOTION_CAPTURE, "mocap"):
+        own[MOTION_CAPTURE] = []
     return [entry for process in PROCESSES for entry in own.get(process.name, [process])]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
@@ -69,6 +70,21 @@ def faults(
         first.setdefault(ros_name(name), name)
         if why := _refused(org, name, known, same):
             yield place, why
+
+
+_TOPIC = re.compile(r"[a-z][a-z0-9_]*(/([a-z0-9_]+|\{body\}))+")
+
+
+def driver_fault(address: str, robots: Sequence[_Robot], others: Sequence[str]) -> str:
+    """Why a driver of motion capture may not publish `address`, as a sentence; empty if it may. Who else may
+    publish there, robots or `others`, could move what motion capture then signs."""
+    if _TOPIC.fullmatch(address) is None:
+        return 'write the topic of its driver, such as "vrpn_mocap/{body}/pose" or "vrpn_mocap/tf"'
+    first = address.partition("/")[0]
+    namespaces = [robot.namespace.partition("/")[0] for robot in robots]
+    if first in {*namespaces, *map(ros_name, others), *_FIXED, "lab"}:
+        return f"others may publish below {first}, too: remap the driver's topics to a name of their own"
+    return ""
 
 
 def _spoken(owners: Sequence[_Owner], robots: Sequence[_Robot]) -> list[tuple[Place, str]]:

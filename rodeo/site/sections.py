@@ -85,8 +85,8 @@ ROS_TIME_ENDS_S = 2**31
 
 class ClockConfig(_Table):
     source: Literal["sim", "wall"] = "sim"
-    """With `wall` the site runs on the machine's own clock, and both speeds are 1, whatever the file says: so
-    one line swaps a simulated site for a real one."""
+    """With `wall` the site runs on the machine's own clock, and both speeds are 1, whatever the file says.
+    What is simulated all the same has to say so: `source = "sim"`."""
     speed: float = Field(default=1.0, ge=0)
     """Simulated seconds per wall second; 0 runs as fast as the machine allows."""
     idle_speed: float = Field(default=1.0, ge=0)

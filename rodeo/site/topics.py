@@ -25,6 +25,10 @@ NODE = "node"
 EVERY_NODE = "every node"
 """Writer of what each node of ROS 2 publishes by itself: those of participants, and of bodies."""
 
+DRIVER = "driver"
+"""Identity that speaks for the hardware of a bin or a dock: `robot_sim` where that is simulated, else who has
+the certificate `driver.<name>`, or the process itself (`rodeo.site.providers`)."""
+
 RECORDER = "robot_recorder"
 """What has the key of a robot's device: a process of its own beside a mind that is a ROS 2 node, else part of
 `robot_agent`."""
@@ -304,13 +308,13 @@ PARAMETER_EVENTS = _topic(
 # -- robot plane: what the lab itself offers ------------------------------------------------------------
 
 MOCAP_POSE = _topic(
-    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "robot_sim", False, "motion capture in the map"
+    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "mocap", False, "motion capture in the map"
 )
 BIN_PRESENCE = _topic(
     "{bin}/presence",
     "sensor_msgs/msg/Range",
     10,
-    "robot_sim",
+    DRIVER,
     False,
     "distance to the item in front of the bin's camera",
 )
@@ -318,7 +322,7 @@ BIN_LOAD = _topic(
     "{bin}/{compartment}/load",
     "geometry_msgs/msg/WrenchStamped",
     10,
-    "robot_sim",
+    DRIVER,
     True,
     "weight in the compartment",
 )
@@ -326,23 +330,27 @@ BIN_IMAGE = _topic(
     "{bin}/camera/image/compressed",
     "sensor_msgs/msg/CompressedImage",
     None,
-    "robot_sim",
+    DRIVER,
     False,
     "a frame of the bin's camera, one per capture",
 )
 BIN_CAPTURE = _served(
-    "{bin}/camera/capture", "std_srvs/srv/Trigger", Form.SERVICE, "software trigger of the bin's camera"
+    "{bin}/camera/capture",
+    "std_srvs/srv/Trigger",
+    Form.SERVICE,
+    "software trigger of the bin's camera",
+    DRIVER,
 )
 DOCK_OUTPUT = _topic(
     "{dock}/output",
     "sensor_msgs/msg/BatteryState",
     1,
-    "robot_sim",
+    DRIVER,
     True,
     "V and A at the contacts",
 )
 DOCK_ENABLE = _served(
-    "{dock}/enable", "std_srvs/srv/SetBool", Form.SERVICE, "close or open the dock's contactor"
+    "{dock}/enable", "std_srvs/srv/SetBool", Form.SERVICE, "close or open the dock's contactor", DRIVER
 )
 SET_ENTITY_STATE = _served(
     "lab/set_entity_state",
@@ -519,8 +527,8 @@ SERVES = _dao(
     "liveliness token",
     Form.TOPIC,
     "every process",
-    "the process that claims or serves a wallet, the oracle, a robot, bin or dock, an owner's ROS nodes, the "
-    "clock or the console: one at a time",
+    "the process that claims or serves a wallet, the oracle, a robot, bin, dock or motion capture, an "
+    "owner's ROS nodes, the clock or the console: one at a time",
 )
 CLOCK_MARK = _dao(
     "rodeo/{org}/clock/mark/{to}",

@@ -19,13 +19,14 @@ from rodeo.ros2.node import Node
 from rodeo.ros2.readings import is_rotation
 from rodeo.ros2.wire import DEFAULT, LATCHED
 from rodeo.site import topics
+from rodeo.site.providers import is_simulated
+from rodeo.witness.motion_capture import MotionCapture
 from services.robot_sim import messages
 from services.robot_sim.camera import WristCamera, open_camera
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.frames import RobotFrames, odom_in_map, reckoned_poses
 from services.robot_sim.loop import Loop
-from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.periods import Periods
 from services.robot_sim.simulation import SimRobot
 
@@ -129,9 +130,9 @@ class DockPlane:
 
 
 class LabPlane:
-    """Clock, motion capture, bins and docks."""
+    """The clock, and what is simulated of motion capture, bins and docks."""
 
-    def __init__(self, node: Node, loop: Loop, mocap: MotionCapture) -> None:
+    def __init__(self, node: Node, loop: Loop, mocap: MotionCapture | None) -> None:
         self._loop, self._simulation = loop, loop.simulation
         site = self._simulation.site
 
@@ -144,12 +145,18 @@ class LabPlane:
         self._mocap = mocap
         self._mocap_poses = {
             body: publisher(topics.MOCAP_POSE, body=body)
-            for body in (self._simulation.things.captured if site.lab.mocap else ())
+            for body in (() if mocap is None else self._simulation.things.captured)
             if "/" not in body  # of a gripper only what is signed is of use
         }
         self._pose = messages.pose_template()
-        self._bins = [BinPlane(node, loop, config) for config in site.bins]
-        self._docks = [DockPlane(node, loop, one.name) for one in site.docks if one.meter.source == "sim"]
+        self._bins = [
+            BinPlane(node, loop, config) for config in site.bins if is_simulated(site, "bin", config.name)
+        ]
+        self._docks = [
+            DockPlane(node, loop, config.name)
+            for config in site.docks
+            if is_simulated(site, "dock", config.name)
+        ]
         node.service(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type, self._set_entity_state)
         static = node.publisher(topics.TF_STATIC.name(), topics.TF_STATIC.type, LATCHED)
         static.publish(
@@ -160,7 +167,8 @@ class LabPlane:
     def stall(self, stalls_ns: Sequence[tuple[int, int]]) -> None:
         """Time was skipped. Messages stamped afterwards must not reach anybody before the time does."""
         for stall_ns in stalls_ns:
-            self._mocap.stall(*stall_ns)
+            if self._mocap is not None:
+                self._mocap.stall(*stall_ns)
         self.publish_clock(at_once=True)
 
     def publish(self, tick: int, everything: bool) -> None:
@@ -189,7 +197,7 @@ class LabPlane:
 
     def see(self, periods: Periods) -> None:
         """Have motion capture sign what it saw."""
-        if self._mocap_poses:
+        if self._mocap is not None and self._mocap_poses:
             self._mocap.see(*periods.captured(), periods.time_ns)
 
     def publish_power(self) -> None:

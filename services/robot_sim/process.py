@@ -12,11 +12,12 @@ from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
 from rodeo.site import tls
 from rodeo.site.config import Site
+from rodeo.site.providers import MOTION_CAPTURE, is_simulated
+from rodeo.witness.motion_capture import MotionCapture
 from services.robot_sim.actions import Actions
 from services.robot_sim.commander import Commander
 from services.robot_sim.holders import Holders
 from services.robot_sim.loop import Loop
-from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
 from services.robot_sim.periods import Periods
 from services.robot_sim.plane import Column, LabPlane, RobotPlane
@@ -134,6 +135,21 @@ def _bodies(
     return robots, nodes, commanders
 
 
+def _motion_capture(process: Process, simulation: Simulation) -> MotionCapture | None:
+    """The simulated one, where the site has that."""
+    if not is_simulated(process.site, "mocap", MOTION_CAPTURE):
+        return None
+    # Its cameras are its own: nothing that it signs comes over the bus.
+    return MotionCapture(
+        process.bus,
+        process.site,
+        process.data_dir / "mocap",
+        list(simulation.things.captured),
+        simulation.now_ns,
+        "sensor",
+    )
+
+
 def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
     """Simulate until `stop`. Raises AlreadyRunning, AnotherWorld."""
     with Process("robot_sim", site, stop) as process:
@@ -157,19 +173,19 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             loop = Loop(simulation, state, site.clock, process.stop, people.speed, keeps_wall_time)
             loop.stands, people.on_answer = (lambda: people.stands), loop.wake
             sessions = BodySessions(process.bus, site, list(simulation.robots), process.stop)
-            mocap = MotionCapture(
-                process.bus,
-                site,
-                process.data_dir / "mocap",
-                list(simulation.things.captured),
-                simulation.now_ns,
-            )
+            mocap = _motion_capture(process, simulation)
             if not keeps_wall_time and site.clock.holders:
                 warn = partial(process.notices.concern, "clock")
                 shown = tls.identity(site, PROCESS)
                 asking = Bus.open(site.bus.router, process.stop, identity=shown)
                 loop.holders = Holders(
-                    process.bus, site, loop.wake, warn, asking.session, mocap.missing, sessions.taken
+                    process.bus,
+                    site,
+                    loop.wake,
+                    warn,
+                    asking.session,
+                    frozenset if mocap is None else mocap.missing,
+                    sessions.taken,
                 )
             lab_node = Node(process.bus.session, "lab", "", site.bus.domain_id, simulation)
             lab = LabPlane(lab_node, loop, mocap)
@@ -188,5 +204,6 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             for commander in commanders:
                 commander.close()
             sessions.close()
-            mocap.close()
+            if mocap is not None:
+                mocap.close()
             note_time(path, simulation.time_ns)

@@ -36,6 +36,7 @@ EXTRA_OF = {
     "console": "console",
     "ros_dao": "ros-dao",
     "robot_sim": "robot-sim",
+    "mocap": "mocap",
     "robot_agent": "robot-agent",
     "robot_recorder": "robot-recorder",
 }

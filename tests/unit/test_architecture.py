@@ -15,7 +15,7 @@ from markdown_it.token import Token
 from rodeo import kinds
 from rodeo.site.minds import AGENT
 from rodeo.site.processes import PROCESSES
-from rodeo.site.topics import BODY, NODE, RECORDER, TOPICS, Form
+from rodeo.site.topics import BODY, DRIVER, NODE, RECORDER, TOPICS, Form
 from tests.docs.text import ROOT
 
 ARCHITECTURE, ONE_TASK = "docs/explanation/architecture.md", "docs/explanation/one-task.md"
@@ -137,7 +137,7 @@ def test_every_arrow_on_the_bus_starts_or_ends_at_the_keys_writer() -> None:
         for topic in (table[key] for key in flows()[label]):
             writers = sources if topic.form is Form.TOPIC else targets
             # The only bodies in the picture are those that the simulator speaks for.
-            writer = {BODY: "robot_sim", NODE: "nodes"}.get(topic.writer, topic.writer)
+            writer = {BODY: "robot_sim", DRIVER: "robot_sim", NODE: "nodes"}.get(topic.writer, topic.writer)
             # A mind of ours has a recorder's part in it.
             part = {AGENT, RECORDER} if writer == RECORDER else {writer}
             assert writer == "every process" or set(writers) <= part, (label, topic.key)

@@ -60,6 +60,30 @@ class Bridge:
         return bool(self._callbacks)
 
 
+class Index:
+    """Answers for tasks as the bridge does: the newest that pass the filters."""
+
+    def __init__(self, *tasks: dict[str, Any]) -> None:
+        self._tasks = tasks
+
+    def query(self, key: str, *, parameters: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+        limit = int(parameters.pop("limit"))
+        names = {"executor": "executor_name"}
+        found = [
+            task
+            for task in self._tasks
+            if all(task[names.get(name, name)] == value for name, value in parameters.items())
+        ]
+        return {"tasks": found[::-1][:limit], "total": len(found)}
+
+
+def test_work_that_is_assigned_is_found_however_much_of_others_came_after_it() -> None:
+    own = [answer("assigned", id=id, executor_name="alice", assigned=float(id)) for id in (1, 2)]
+    others = [answer("assigned", id=id, executor_name="bob", assigned=float(id)) for id in range(3, 203)]
+    alice = Participant(Index(*own, *others), "lab", "alice")  # type: ignore[arg-type]
+    assert [task.id for task in alice.assignments("sweeping")] == [1, 2]
+
+
 def waited(bridge: Bridge, timeout_s: float | None = None) -> Any:
     return Participant(bridge, "lab", "alice").wait(7, timeout_s)  # type: ignore[arg-type]
 

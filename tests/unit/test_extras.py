@@ -13,9 +13,10 @@ from tests.support.extras import EXTRA_OF, PROJECT, ROOT, closure
 KINDS = sorted(one.partition(":")[0] for one in PROJECT["entry-points"][GROUP].values())
 CODE = {
     "robot_agent": ["rodeo_kinds.waste_disposal.behaviour"],
+    "mocap": ["services.mocap.sources.recorded", "services.mocap.sources.ros2"],
     "oracle": ["rodeo_kinds.waste_disposal.checks", "rodeo_kinds.battery_charging.checks"],
 }
-"""Process -> what it imports of the kinds by name."""
+"""Process -> what it imports by name."""
 
 NEVER = {
     "": {"numpy", "rosbags", "web3", "eth-account", "py-ecc", "mujoco", "starlette"},
@@ -23,6 +24,7 @@ NEVER = {
     "charger": {"numpy", "rosbags", "web3", "eth-account", "py-ecc", "mujoco", "opencv-python-headless"},
     "ros-dao": {"web3", "eth-account", "py-ecc", "mujoco", "opencv-python-headless"},
     "itrash": {"web3", "eth-account", "py-ecc", "mujoco"},
+    "mocap": {"web3", "eth-account", "py-ecc", "mujoco"},
     "robot-sim": {"web3", "eth-account", "py-ecc"},
     "robot-agent": {"web3", "eth-account", "py-ecc"},
     "robot-recorder": {"web3", "eth-account", "py-ecc"},

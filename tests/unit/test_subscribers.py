@@ -233,6 +233,16 @@ ROWS: dict[Call, str] = {
         "node.subscription(topics.BATTERY_STATE.name(ns=robot.namespace))",
     ): ONE,
     (
+        "services/mocap/sources/ros2.py",
+        "RosDriver.__init__",
+        "opening.node.subscription(opening.address)",
+    ): ONE + ": its driver",
+    (
+        "services/mocap/sources/ros2.py",
+        "RosDriver.__init__",
+        "opening.node.subscription(opening.address.format(body=body))",
+    ): ONE + ": its driver",
+    (
         "services/robot_sim/commander.py",
         "Commander.__init__",
         "session.liveliness().declare_subscriber(expression)",

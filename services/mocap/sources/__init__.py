@@ -28,7 +28,11 @@ from rodeo.text.pydantic_words import wrong_fields
 GROUP = "rodeo.mocap_sources"
 """Entry point group: name in the site file -> its `SourceKind`."""
 
-BUILT_IN: dict[str, str] = {"natnet": "services.mocap.sources.natnet:SOURCE"}
+BUILT_IN: dict[str, str] = {
+    "natnet": "services.mocap.sources.natnet:SOURCE",
+    "recorded": "services.mocap.sources.recorded:SOURCE",
+    "ros2": "services.mocap.sources.ros2:SOURCE",
+}
 """Name in the site file -> "module:SOURCE"."""
 
 
@@ -58,7 +62,7 @@ class Settings(BaseModel):
 
 @dataclass(frozen=True)
 class Opening:
-    """What a source is opened with."""
+    """Arguments with which a source is opened."""
 
     address: str
     """`mocap.address`: where the system is."""

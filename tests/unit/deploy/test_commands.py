@@ -28,6 +28,7 @@ CODE = {
     "ros_dao": ("services/ros_dao",),
     "itrash": ("services/itrash",),
     "robot_sim": ("services/robot_sim",),
+    "mocap": ("services/mocap",),
     "oracle": ("services/oracle",),
     "console": ("services/console",),
     "operator": ("rodeo_cli", "rodeo_experiments"),
@@ -96,15 +97,19 @@ def shared() -> dict[str, set[str]]:
         if path.parent.name in ("chain", "commands") or path.name == "payloads.py":
             continue  # what a contract is called with, declarations, and documentation
         units: dict[str, ast.AST] = {}
-        for node in ast.parse(path.read_text()).body:
+        module = ast.parse(path.read_text())
+        for node in module.body:
             if isinstance(node, ast.ClassDef) and node.name == "Participant":
                 methods = {one.name: one for one in node.body if isinstance(one, ast.FunctionDef)}
                 assert literals(methods.pop("command")) | literals(methods.pop("sign")) == SIGNS_ITSELF
                 units |= {f".{name}": method for name, method in methods.items()}
             elif isinstance(node, ast.FunctionDef | ast.ClassDef):
                 units[node.name] = node
+        known = units.keys() | used(
+            ast.Module([one for one in module.body if isinstance(one, ast.ImportFrom)])
+        )
         for name, unit in units.items():
-            beside = {one.id for one in ast.walk(unit) if isinstance(one, ast.Name)} & units.keys()
+            beside = {one.id for one in ast.walk(unit) if isinstance(one, ast.Name)} & known
             sends[name], uses[name] = literals(unit), used(unit) | beside
     while True:
         more = {
@@ -148,6 +153,7 @@ def test_the_shared_package_sends_commands_where_it_is_known_to() -> None:
             "Executor",
             "judge",
             "DailyRoots",
+            "MotionCapture",
             "Rulings",
         ),
     }

@@ -1,6 +1,7 @@
 """The lab's motion capture: publishes the poses of bodies and signs what it saw.
 
-It works without its key (a simulator needs no organization); then its poses go out unsigned.
+It works without its key (a simulator needs no organization); then its poses go out unsigned. `robot_sim` has
+one where motion capture is simulated, else `services.mocap` has.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import DiskFull, KeystoreMissing
 from rodeo.signing import keystores
 from rodeo.site.config import Site
-from rodeo.witness.chain import WitnessChain
+from rodeo.site.providers import MOTION_CAPTURE as NAME
+from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.motion import MotionLog, Sample
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import Motion
@@ -25,8 +27,6 @@ from rodeo.witness.witness import Witness
 
 log = logging.getLogger(__name__)
 
-NAME = "mocap"
-"""Name of the device; its keystore is `mocap-device`."""
 _ASK_AGAIN_NS = 1_000_000_000
 """Site time between two looks for the keystore."""
 
@@ -37,16 +37,24 @@ class MotionCapture:
     Args:
         folder: where it keeps what it signed.
         now_ns: the site's time.
+        inputs: where its poses come from.
     """
 
     def __init__(
-        self, bus: Bus, site: Site, folder: Path, bodies: Sequence[str], now_ns: Callable[[], int]
+        self,
+        bus: Bus,
+        site: Site,
+        folder: Path,
+        bodies: Sequence[str],
+        now_ns: Callable[[], int],
+        inputs: Inputs = "sensor",
     ) -> None:
         self._bus = bus
         self._site = site
         self._folder = folder
         self._bodies = bodies
         self._now_ns = now_ns
+        self._inputs = inputs
         self._witness: Witness | None = None
         self._roots: DailyRoots | None = None
         self._log: MotionLog | None = None
@@ -57,7 +65,7 @@ class MotionCapture:
         self._full = False
         """The disk has no room for its statements."""
 
-    def see(self, bodies: list[str], poses: np.ndarray, seen: np.ndarray, time_ns: np.ndarray) -> None:
+    def see(self, bodies: Sequence[str], poses: np.ndarray, seen: np.ndarray, time_ns: np.ndarray) -> None:
         """n bodies at k times (k,): their poses (k, n, 7), x, y, z in m, qx, qy, qz, qw; which of them are in
         view (k, n).
 
@@ -93,7 +101,12 @@ class MotionCapture:
         witness.publish(attestation)
 
     def _note(
-        self, motion: MotionLog, bodies: list[str], poses: np.ndarray, seen: np.ndarray, time_us: list[int]
+        self,
+        motion: MotionLog,
+        bodies: Sequence[str],
+        poses: np.ndarray,
+        seen: np.ndarray,
+        time_us: list[int],
     ) -> None:
         # Most bodies lie or stand where they were: to find that for all at once is several times cheaper.
         stays = (np.concatenate((self._poses_seen[None], poses[:-1])) == poses).all(axis=2) & seen
@@ -114,8 +127,6 @@ class MotionCapture:
 
     def missing(self) -> frozenset[str]:
         """Its name while it cannot sign yet; empty once it can."""
-        if not self._site.lab.mocap:
-            return frozenset()
         witness = self._witness or self._enroll(self._ask_ns)
         return frozenset([NAME] if witness is None or witness.chain is None else [])
 
@@ -143,8 +154,7 @@ class MotionCapture:
                 log.info("cannot sign poses: %s", error)
                 self._said = True
             return None
-        # Its cameras are its own: nothing that it signs came over the bus.
-        witness = Witness(self._bus, self._site.org, NAME, account, self._folder, "sensor", self._now_ns)
+        witness = Witness(self._bus, self._site.org, NAME, account, self._folder, self._inputs, self._now_ns)
         organization = Participant(self._bus, self._site.org, ORGANIZATION)
         self._witness, self._roots = witness, DailyRoots(self._site, organization, witness)
         return witness
