@@ -25,8 +25,8 @@ _READ_INPUTS, _READ_HOLDING, _READ_REGISTERS = 2, 3, 4
 class Panel:
     """An Eastron meter before a supply of `flows_w`, and a module with the contactor's coil.
 
-    Attributes are what a test sets: `welded` contacts conduct although the coil is off, and a `stuck` coil
-    does not follow.
+    Attributes are what a test sets: `welded` contacts conduct although the coil is off, a `stuck` coil does
+    not follow, and a `mute` one does, but nobody can ask how it stands.
 
     Args:
         port: of loopback, 0 for a free one.
@@ -41,7 +41,7 @@ class Panel:
         self.serial = 20_260_117
         self.present = True
         self.coil = False
-        self.welded = self.stuck = False
+        self.welded = self.stuck = self.mute = False
         self.register_share = 1.0
         """Share of what flows that the register counts."""
         self.shown_w: float | None = None
@@ -103,8 +103,12 @@ class Panel:
         if values is not None:
             self.coil = self.coil if self.stuck else bool(values[0])
             values[0] = self.coil
+        elif function == _READ_INPUTS:
+            registers[0] = int(self.present)
+        elif self.mute:
+            return ExcCodes.DEVICE_BUSY
         else:
-            registers[0] = int(self.present if function == _READ_INPUTS else self.coil)
+            registers[0] = int(self.coil)
         return None
 
 

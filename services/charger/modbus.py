@@ -204,7 +204,7 @@ class ModbusTerminals:
         idle_w = dock.voltage_v * dock.cutoff_a / 2
         self._watch = Watch(self._devices.map.volts, self._devices.map.resolution_wh, idle_w, most_w)
         self._closed = False
-        """What the contactor was commanded last."""
+        """Whether the contactor was commanded to close, and did."""
         self._lock = threading.Lock()
         """Held while the contactor is moved, and from a reading to its comparison."""
         self._shown: Shown | None = None
@@ -263,13 +263,15 @@ class ModbusTerminals:
         if closed and self._lie is not None:
             return False
         with self._lock:
-            self._closed = closed
+            # Until the coil confirms that it closed: else nobody would open what closed unconfirmed.
+            self._closed = False
             try:
                 stands = self._devices.move(closed)
             except MeterAway as error:
                 log.warning("the contactor of %s: %s", self._dock.name, error)
                 return False
-            self._watch.contactor(closed, self._now_ns() * 1e-9)
+            self._closed = closed and stands
+            self._watch.contactor(self._closed, self._now_ns() * 1e-9)
         if stands is not closed:
             log.warning("the contactor of %s did not %s", self._dock.name, "close" if closed else "open")
         return stands is closed

@@ -248,6 +248,17 @@ def test_a_coil_that_does_not_follow_is_no_confirmation() -> None:
         assert not one.terminals.command(True)
 
 
+def test_a_contactor_that_closed_unconfirmed_is_opened_once_it_answers() -> None:
+    """Nobody would sell what flows, and the session may have ended by then."""
+    with bench() as one:
+        one.panel.mute = True
+        assert not one.terminals.command(True)
+        assert one.panel.coil
+        one.panel.mute = False
+        one.run(1)
+        assert not one.panel.coil
+
+
 def test_a_contactor_that_an_earlier_process_left_closed_is_opened() -> None:
     with bench() as one:
         one.panel.coil = True
