@@ -40,7 +40,10 @@ WITHOUT_NUMBERS = {
     "rodeo_cli/film.py": "a picture",
     "rodeo_kinds/waste_disposal/checks/picture.py": "a picture",
     "services/charger/process.py": "bytes, written as they are",
+    "services/console/replay.py": "a picture",
     "services/itrash/camera.py": "a picture",
+    "services/mocap/sources/recorded.py": "poses, which `services.mocap.frames` holds to the door's rule",
+    "services/mocap/sources/ros2.py": "poses, which `services.mocap.frames` holds to the door's rule",
     "services/robot_sim/plane.py": "commands to the simulated body",
 }
 """The others, and what they decode instead."""
@@ -128,6 +131,9 @@ ALLOWED = {
     "pose(message.pose).position",
     "pose.pose.position",
     "state.pose.position",
+    # Motion capture's, for `services.mocap.frames`.
+    "message.pose.position",
+    "said.pose.position",
     # What is handed to the door as it is.
     "result.position",
 }

@@ -27,7 +27,7 @@ from rodeo.site.config import Site
 from rodeo.text.strict_json import encode
 from rodeo_experiments.conduct import Meters
 from rodeo_experiments.lab import Lab
-from services.charger.terminals import Terminals
+from services.charger.terminals import BusTerminals
 from services.console.heartbeats import number as finite
 from services.console.live import Newest
 from services.console.replay import _rounded
@@ -206,7 +206,7 @@ def test_a_dock_that_measures_nothing_is_silent_and_says_why(value: float) -> No
         client=lambda *_: None,
         subscription=lambda topic, _type, on_message, inline: topics_.update({topic: on_message}),
     )
-    terminals = Terminals(node, "dock", lambda message, _info: heard.append(message))
+    terminals = BusTerminals(node, "dock", lambda message, _info: heard.append(message))
     (on_output,) = topics_.values()
     for message in (battery(voltage=value), battery(current=value)):
         on_output(message, None)

@@ -80,12 +80,9 @@ class Node:
     task_manager = ALICE
     deployment = SimpleNamespace(address=lambda _name: COIN, decides_by_vote=False)
 
-    def unaccounted(self) -> int:
-        return 8 * 10**18
-
     @property
     def tasks(self) -> Any:
-        return SimpleNamespace(get=self._task)
+        return SimpleNamespace(get=self._task, unaccounted=lambda: 8 * 10**18)
 
     @property
     def rules(self) -> Any:
