@@ -35,7 +35,7 @@ $(SPHINX)/stamp: docs/requirements.txt
 
 node_modules/.stamp: package.json package-lock.json
 	@$(SETUP) node
-	@echo "npm install: Foundry and OpenZeppelin, 200 MB on disk" >&2
+	@echo "npm install: Foundry, OpenZeppelin and axe-core, 200 MB on disk" >&2
 	@# Not npm ci: it wants the lock to name the binaries of every platform, which not every registry has.
 	@npm install --no-save --no-audit --no-fund --loglevel=error
 	@touch $@

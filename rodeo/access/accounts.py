@@ -150,6 +150,25 @@ _links = Table(
     Column("ends_s", Float, nullable=False),
 )
 
+_marks = Table(
+    "marks",
+    _metadata,
+    Column("user", String(64), primary_key=True),
+    Column("chain", String(128), nullable=False),
+    Column("seq", Integer, nullable=False),
+    Column("heard_s", Float, nullable=False),
+)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How far somebody has read: events of a chain by their sequence, and what processes reported by the
+    wall's time."""
+
+    chain: str = ""
+    seq: int = 0
+    heard_s: float = 0.0
+
 
 class Accounts:
     """The database at `path`. Thread-safe; other processes (the command line) may write to it too.
@@ -255,6 +274,16 @@ class Accounts:
         except (VerificationError, InvalidHashError):
             return False
         return bool(rows) and not rows[0]["disabled"]
+
+    def mark(self, name: str) -> Mark:
+        """How far this person has read."""
+        rows = self._rows(select(_marks).where(_marks.c.user == name))
+        return Mark(rows[0]["chain"], rows[0]["seq"], rows[0]["heard_s"]) if rows else Mark()
+
+    def set_mark(self, name: str, mark: Mark) -> None:
+        with self._engine.begin() as connection:
+            connection.execute(delete(_marks).where(_marks.c.user == name))
+            connection.execute(insert(_marks).values(user=name, **vars(mark)))
 
     # -- sessions --------------------------------------------------------------------------------------
 

@@ -58,9 +58,11 @@ class Console:
     """Roles of people that may give a command in the console, and the wallet that it is for."""
 
     roles: tuple[str, ...]
-    wallet: Literal["organization", "provider", "member", "anybody"] = "organization"
+    wallet: Literal["organization", "provider", "member", "proposer", "anybody"] = "organization"
     """`provider`: the one that the request names, if the person may act for it. `member`: the person's own.
-    `anybody`: the person's own if it has one, because the contracts take the command from everybody."""
+    `proposer`: the one that it names, if that is the person's own as a member, or the organization's and the
+    person is its administrator. `anybody`: the person's own if it has one, because the contracts take the
+    command from everybody."""
     for_good: bool = False
     """Nobody undoes it, or not without loss: the page warns."""
 

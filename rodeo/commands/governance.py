@@ -34,7 +34,7 @@ from rodeo.commands.errors import (
     UnknownBudgetVote,
     UnknownProposal,
 )
-from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_MEMBER
+from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_MEMBER, BY_PROPOSER
 from rodeo.errors import InvalidRequest
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ Proposable = Annotated[str, NameOf(lambda one: one.proposable)]
 """A command of the organization that its members can decide about, or that its administrator proposes."""
 
 
-@command("operator")
+@command("operator", console=BY_PROPOSER)
 class Propose(Command):
     """Let the members vote on a command of the organization, or where its administrator decides, start the
     delay of one. Everybody can read what it would call on chain."""

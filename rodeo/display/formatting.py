@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from decimal import Decimal
@@ -191,6 +192,16 @@ def moment(time_s: float | None) -> str:
     return "–" if time_s is None else f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S}"
 
 
+def wall_moment(time_s: float | None) -> str:
+    """Wall time, which is not a simulated site's."""
+    return "–" if time_s is None else f"{moment(time_s)} UTC"
+
+
+def zone(site: Site) -> str:
+    """What follows the time of a site, where the wall's time stands beside it."""
+    return "UTC" if site.clock.source == "wall" else "UTC sim"
+
+
 def share(value: float | None) -> str:
     return "–" if value is None else f"{value:.0%}"
 
@@ -198,6 +209,11 @@ def share(value: float | None) -> str:
 def short(text: str, head: int = 10, tail: int = 6) -> str:
     """An address or hash whose ends people compare."""
     return text if len(text) <= head + tail + 1 else f"{text[:head]}…{text[-tail:]}"
+
+
+def brief(text: str) -> str:
+    """A text whose hashes and addresses are cut as `short` does."""
+    return re.sub(r"0x[0-9a-fA-F]{20,}", lambda found: short(found[0]), text)
 
 
 def party(name: str | None, address: str | None) -> str:

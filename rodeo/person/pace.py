@@ -82,6 +82,13 @@ class Pace:
         """Site time now, as far as it continues like this."""
         return self.at_s + max(0.0, time.time() - self.measured_s) * self.speed
 
+    def continues(self, before: Pace | None) -> bool:
+        """Whether a clock that goes on as `before` said shows this, by half a second of the wall's."""
+        if before is None:
+            return False
+        off_s = abs(self.now_s - before.now_s)
+        return off_s <= 0.5 * max(1.0, self.speed) and abs(self.speed - before.speed) <= _REAL * before.speed
+
     @property
     def is_real(self) -> bool:
         return abs(self.speed - 1) < _REAL

@@ -10,15 +10,16 @@ import logging
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, create_model
 
-from rodeo.access.accounts import MAX_PASSPHRASE, MIN_PASSPHRASE, Accounts, User, require_participant
+from rodeo.access.accounts import MAX_PASSPHRASE, MIN_PASSPHRASE, Accounts, Mark, User, require_participant
 from rodeo.access.roles import Role
 from rodeo.bus.messages import Fault, Id, Message, Payment, Ruling
 from rodeo.bus.session import Bus, validate
-from rodeo.commands import COMMANDS
+from rodeo.commands import COMMANDS, Command
 from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, NoResponder, RodeoError
@@ -74,6 +75,15 @@ class NewToken(Message):
 
 class TokenId(Message):
     token_id: Id
+
+
+class NewMark(Message):
+    chain: Annotated[str, StringConstraints(max_length=128)]
+    """Genesis hash."""
+    seq: Id
+    """Number of the last event that was read."""
+    heard_s: float = Field(ge=0, le=1e12)
+    """Wall time until which everything was read that processes reported."""
 
 
 class TaskId(Message):
@@ -195,9 +205,20 @@ def _of_organization(command: str) -> Perform:
     return lambda actions, _user, request: actions.command(ORGANIZATION, command, request)
 
 
-def _of_provider(command: str) -> Perform:
+def proposer_of(user: User, decided_by: str) -> str | None:
+    """In whose name this person proposes: a member in its own, an administrator in the organization's."""
+    if decided_by == "administrator":
+        return ORGANIZATION if user.has(Role.ADMINISTRATOR) else None
+    return user.participant if user.has(Role.EXECUTOR) and user.participant != ORGANIZATION else None
+
+
+def _proposes_for(user: User, participant: str) -> bool:
+    return participant in (proposer_of(user, "administrator"), proposer_of(user, "vote"))
+
+
+def _of_named(may: Callable[[User, str], bool], command: str) -> Perform:
     def perform(actions: Actions, user: User, request: Any) -> Json:
-        if not speaks_for(user, request.participant):
+        if not may(user, request.participant):
             raise Forbidden("your account may not act for this participant", participant=request.participant)
         return actions.command(request.participant, command, request)
 
@@ -297,6 +318,11 @@ def _revoke_token(actions: Actions, user: User, request: TokenId) -> Json:
     return {"token_id": request.token_id}
 
 
+def _mark_read(actions: Actions, user: User, request: NewMark) -> Json:
+    actions.accounts.set_mark(user.name, Mark(**request.model_dump()))
+    return {"name": user.name}
+
+
 _ADMINISTRATOR = frozenset({Role.ADMINISTRATOR})
 _OPERATOR = frozenset({Role.OPERATOR})
 _EXECUTOR = frozenset({Role.EXECUTOR})
@@ -304,12 +330,18 @@ _AUDITOR = frozenset({Role.AUDITOR})
 _ANYBODY: frozenset[Role] = frozenset()
 
 
-_RUNS = {
+_RUNS: dict[str, Callable[[str], Perform]] = {
     "organization": _of_organization,
-    "provider": _of_provider,
+    "provider": partial(_of_named, speaks_for),
+    "proposer": partial(_of_named, _proposes_for),
     "member": _of_member,
     "anybody": _of_anybody,
 }
+
+
+def summary_of(model: type[Command]) -> str:
+    """The first sentence of what a command does."""
+    return re.split(r"\.(?:\s|$)", inspect.cleandoc(model.__doc__ or ""))[0].replace("\n", " ")
 
 
 def _declared() -> Iterator[Action]:
@@ -317,9 +349,9 @@ def _declared() -> Iterator[Action]:
     for name, model in COMMANDS.items():
         if (console := model.declared.console) is None:
             continue
-        summary = re.split(r"\.(?:\s|$)", inspect.cleandoc(model.__doc__ or ""))[0].replace("\n", " ")
-        body = model
-        if console.wallet == "provider":  # an operator speaks for the organization, an executor for itself
+        summary, body = summary_of(model), model
+        # An operator, or an administrator, speaks for the organization, an executor for itself.
+        if console.wallet in ("provider", "proposer"):
             body = create_model(model.__name__, __base__=model, participant=(Name, ORGANIZATION))
         yield Action(name, summary, body, frozenset(map(Role, console.roles)), _RUNS[console.wallet](name))
 
@@ -343,6 +375,7 @@ _TABLE = (
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),
     Action("issue_token", "Create a token for a program of yours", NewToken, _ANYBODY, _issue_token),
+    Action("mark_read", "Remember how far you have read events and alarms", NewMark, _ANYBODY, _mark_read),
     Action("revoke_token", "Revoke one of your tokens", TokenId, _ANYBODY, _revoke_token),
 )  # fmt: skip
 

@@ -154,7 +154,7 @@ class _Html(str):
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    cells = "".join(f'<th scope="col">{escape(one)}</th>' for one in head)
+    cells = "".join(f'<th scope="col">{escape(one)}</th>' if one else "<td></td>" for one in head)
     lines = ((one if isinstance(one, _Html) else escape(str(one)) for one in row) for row in rows)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in line)}</tr>" for line in lines)
     return f"<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>"

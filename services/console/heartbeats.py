@@ -32,6 +32,10 @@ class ProcessState:
     eta_s: float | None = None
     """Site time until it has finished its activity, where it reports that."""
     soc: float | None = None
+    task_id: int | None = None
+    """The task that it works on."""
+    trouble: bool = False
+    """What it is doing says why work is not done."""
     warnings: tuple[str, ...] = ()
     """What an operator should know although the process works."""
 
@@ -85,6 +89,8 @@ class Heartbeats:
             status.progress,
             number(status.details.get("eta_s")),
             number(status.details.get("soc")),
+            found if isinstance(found := status.details.get("task_id"), int) else None,
+            status.details.get("trouble") is True,
             tuple(status.warnings),
         )
 

@@ -33,6 +33,7 @@ from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
 from services.console import solids
+from services.console.feed import Notes
 from services.console.heartbeats import Heartbeats
 from services.console.queries import Queries
 from services.console.scene import arm_drawing
@@ -51,6 +52,8 @@ QUEUE_SHOWN = 8
 VERDICTS_SHOWN = 6
 _EVENTS_KEPT = 200
 _ENDED_ASKED = 30
+_CASES_ASKED = 50
+_PROPOSALS_ASKED = 20
 _PATH_POINTS = 60
 
 
@@ -119,9 +122,23 @@ class Summary:
     verdicts: list[Task] = field(default_factory=list)
     wallets: list[queries.Wallet] = field(default_factory=list)
     services: list[queries.Offer] = field(default_factory=list)
-    rules: dict[str, list[str]] = field(default_factory=dict)
-    """Kind -> hashes of the rules under which its tasks may be posted, the newest last."""
+    cases: list[Task] = field(default_factory=list)
+    """Submitted and ruled tasks, the oldest first."""
+    proposals: list[queries.Proposal] = field(default_factory=list)
+    organization: queries.Organization | None = None
     supply_iec: Decimal = Decimal(0)
+
+    @property
+    def rules(self) -> dict[str, list[str]]:
+        """Kind -> hashes of the rules under which its tasks may be posted, the newest last."""
+        kinds = [] if self.organization is None else self.organization.kinds
+        return {one.kind: one.rules_sha256 for one in kinds}
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Account -> its name, where the site has one for it."""
+        own = {} if self.organization is None else {self.organization.address: "the treasury"}
+        return own | {one.address: one.name for one in self.wallets}
 
 
 class Live:
@@ -133,6 +150,8 @@ class Live:
         self._queries = queries
         self._listeners: dict[str, list[Listener]] = {
             "map": [],
+            "clock": [],
+            "feed": [],
             "processes": [],
             "organization": [],
             "events": [],
@@ -141,8 +160,11 @@ class Live:
         self._changed = asyncio.Event()
         self._events_due = False
         self.heartbeats = Heartbeats(site)
+        self.pace = self.heartbeats.pace
+        """How fast the site's time goes, as it was said last."""
         self.summary = Summary()
         self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
+        self.notes = Notes()
         self.map: Json = {"robots": {}, "items": {}}
 
     async def run(self) -> None:
@@ -162,8 +184,8 @@ class Live:
             await asyncio.to_thread(dao.close)
 
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
-        """Call `listener` when `what` (map, processes, organization) changed; returns a function that ends
-        that.
+        """Call `listener` when `what` (map, clock, processes, organization) changed; returns a function that
+        ends that. `clock`: the site's time goes on other than was said last. `feed`: there are new entries.
 
         `events` is called as soon as something happened on chain, for pages that ask for themselves what they
         show; `organization` when the summary holds it, too.
@@ -191,12 +213,22 @@ class Live:
             self._notify_processes()
 
     def _notify_processes(self) -> None:
-        bridge = self.heartbeats.bridge
+        bridge, before = self.heartbeats.bridge, self.heartbeats.processes
         if self.heartbeats.look():
+            # What is heard while nobody says how late it is, came after what was heard last.
+            last_s = self.events[-1].time_s if self.events else 0.0
+            now_s = last_s if self.heartbeats.pace is None else self.heartbeats.pace.now_s
+            if self.notes.compare(before, self.heartbeats.processes, now_s):
+                self._notify("feed")
             if self.heartbeats.bridge != bridge:
                 # Query the bridge again: what is shown may have become stale, or current again.
                 self._changed.set()
             self._notify("processes")
+        pace = self.heartbeats.pace
+        if pace is None if self.pace is None else pace is not None and pace.continues(self.pace):
+            return
+        self.pace = pace
+        self._notify("clock")
 
     # -- organization ----------------------------------------------------------------------------------
 
@@ -213,6 +245,7 @@ class Live:
     def _notify_events(self) -> None:
         self._events_due = False
         self._notify("events")
+        self._notify("feed")
 
     async def _follow_organization(self) -> None:
         while True:
@@ -240,12 +273,15 @@ class Live:
         counts: dict[str, int] = {}
         queue: list[Task] = []
         for state in ("ruled", "submitted", "assigned", "open"):
-            found, counts[state] = self._queries.tasks(QUEUE_SHOWN, state=state, order="oldest")
+            found, counts[state] = self._queries.tasks(_CASES_ASKED, state=state, order="oldest")
             queue += found
         judged, counts["ended"] = self._queries.tasks(_ENDED_ASKED, state="settled,failed")
         _, counts["settled"] = self._queries.tasks(1, state="settled")
         judged.sort(key=lambda task: task.settled or task.proof_submitted or task.registered, reverse=True)
         wallets = self._queries.ask(queries.WALLETS)
+        organization = self._queries.ask(queries.ORGANIZATION)
+        # Where the administrator's key acts at once, nothing is proposed.
+        asked = self._queries.ask(queries.PROPOSALS, limit=_PROPOSALS_ASKED) if organization.delay_s else None
         return Summary(
             problem="",
             counts=counts,
@@ -254,7 +290,9 @@ class Live:
             wallets=wallets.wallets,
             supply_iec=wallets.supply_iec,
             services=self._queries.ask(queries.SERVICES).services,
-            rules={one.kind: one.rules_sha256 for one in self._queries.ask(queries.ORGANIZATION).kinds},
+            cases=[one for one in queue if one.state in ("ruled", "submitted")],
+            proposals=[] if asked is None else asked.proposals,
+            organization=organization,
         )
 
     # -- map -------------------------------------------------------------------------------------------

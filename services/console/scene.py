@@ -52,6 +52,16 @@ arm_drawing = cache(ArmDrawing)
 """One of each model."""
 
 
+def in_bins(site: Site, items: Json) -> dict[str, str]:
+    """Item -> the bin and its compartment, for `Live.map`'s items that lie in one."""
+    found = {}
+    for item, at in items.items():
+        for one in site.bins:
+            if compartment := BinLayout(one).compartment_at((at["x"], at["y"], at["z"])):
+                found[item] = f"{one.name}, {compartment}"
+    return found
+
+
 def lab(site: Site) -> Json:
     """What does not move."""
     return {

@@ -22,14 +22,18 @@ class Activity:
         self.expected_s = 0.0
         """How long the attempt is expected to take."""
 
-    def report(self, text: str, progress: float | None = None, left_s: float | None = None) -> None:
+    def report(
+        self, text: str, progress: float | None = None, left_s: float | None = None, trouble: bool = False
+    ) -> None:
+        """`trouble`: the text says why the work is not done."""
         if self.attempt is not None and progress is not None:
             left_s = self.expected_s * (1 - progress)
         eta = {} if left_s is None else {"eta_s": round(left_s)}
         self._doing = {"activity": text, "progress": progress, **eta}
         vitals = self._body.vitals()
         self._process.notices.concern("body", self._body.unknown)
-        self._process.activity(text, progress, **eta, **vitals, **self._upkeep.state())
+        about = {"task_id": self.attempt and self.attempt.id, "trouble": trouble}
+        self._process.activity(text, progress, **eta, **about, **vitals, **self._upkeep.state())
 
     def state(self) -> dict[str, Any]:
         attempt = self.attempt

@@ -61,7 +61,7 @@ class Attempts:
         return refusal is not None
 
     def _wait_given_back(self, task: Task, why: str) -> None:
-        self._idle.activity.report(f"gave task {task.id} back: {why}")
+        self._idle.activity.report(f"gave task {task.id} back: {why}", trouble=True)
         self._idle.wait_for_news()  # the index is about to show it
 
     def _gives_back(self, task: Task, journal: Journal) -> bool:

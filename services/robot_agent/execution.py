@@ -148,7 +148,7 @@ class Execution:
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Blocked, Cancelled) as error:  # Blocked has waited already, which was the retry
             log.error("task %d failed: %s", task.id, error)
-            self._activity.report(f"giving up: {error.message}")
+            self._activity.report(f"giving up: {error.message}", trouble=True)
             recording.note({"event": "execution_failed", **error.to_json()})
             self._abort()
             return error

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Literal
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 
 from rodeo.person.photo_code import photo_code
 from rodeo_testing.recordings import RENDERINGS
-from tests.support.accessibility import everything_is_named, nothing_is_faint
+from tests.support.accessibility import axe_finds_nothing, everything_is_named, nothing_is_faint
 from tests.support.browser import chromium, watch
 from tests.support.console import WAIT_MS, Desk, click_map, open_page
 from tests.support.dao import Dao
@@ -125,6 +126,26 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     page.get_by_role("button", name="Show on the left").click()
     expect(page.get_by_role("slider", name="Time in the recording")).to_have_count(2)
     assert faults == []
+    item = task["params"]["item_id"]
+    open_page(page, "/tasks/new")
+    expect(page.get_by_text(f"{item} lies in itrash, yellow")).to_be_visible()
+    page.get_by_role("combobox", name="Item").click()
+    expect(page.get_by_role("option", name=re.compile("^item"))).to_have_count(2)
+    expect(page.get_by_role("option", name=item)).to_have_count(0)
+
+    open_page(page, "/")
+    robot_row = page.get_by_role("table", name="Robots").get_by_role("row").filter(has_text="panther1")
+    expect(robot_row).to_contain_text("%")
+    happened = page.get_by_role("region", name="Events and alarms")
+    paid = happened.get_by_role("listitem").filter(has_text=f"Task {task_id}: 100 IEC paid")
+    for new in (1, 0):
+        happened.get_by_label("Task").fill(str(task_id))
+        expect(paid).to_have_count(1)
+        expect(paid.get_by_text("new", exact=True)).to_have_count(new)
+        if new:
+            happened.get_by_role("button", name="Mark as read").click()
+            expect(paid.get_by_text("new", exact=True)).to_have_count(0)
+            open_page(page, "/")
     page.close()
 
 
@@ -198,15 +219,34 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
 
 @pytest.mark.long
 def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(desk: Desk) -> None:
-    page = desk.page("ada")
+    Dao(desk.running).post("1", allow_wait=True)  # so that there is a task, whatever ran before
+    page, stranger = desk.page("ada"), desk.page(None)
     for path in PAGES:
         open_page(page, path)
+        clock = page.get_by_role("timer", name="Site time")
+        expect(clock).to_have_text(re.compile(r"^\d\d(:\d\d){2} UTC sim"))
         everything_is_named(page)
-        for scheme in ("light", "dark"):
-            page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
-            expect(page.locator("body")).to_have_class(re.compile(f"body--{scheme}"))
+        for colours in seen(page):
+            expect(page.locator("body")).to_have_class(re.compile(f"body--{colours}"))
             nothing_is_faint(page)
+            axe_finds_nothing(page)
+    for path in ("/docs", "/nothing"):
+        page.goto(path)
+        for _ in seen(page):
+            axe_finds_nothing(page)
+    for _ in seen(stranger):
+        axe_finds_nothing(stranger)
     page.close()
+    stranger.close()
+
+
+def seen(page: Page) -> Iterator[str]:
+    """Light on a desk, then dark on a phone."""
+    looks: tuple[tuple[Literal["light", "dark"], int], ...] = (("light", 1280), ("dark", 390))
+    for colours, width in looks:
+        page.set_viewport_size({"width": width, "height": 900})
+        page.emulate_media(color_scheme=colours, reduced_motion="reduce")
+        yield colours
 
 
 @pytest.mark.long

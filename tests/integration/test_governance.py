@@ -169,6 +169,7 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
         page, reader = desk.page("alice"), desk.page("reader")
         for one in (page, reader):
             open_page(one, "/proposals")
+        proposes(page, reader)
         take(page, int(number), "Queue")
         mine = page.get_by_role("region", name=f"Proposal {number}")
         expect(mine).to_contain_text("Can be executed from")
@@ -181,6 +182,32 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
         take(page, int(number), "Execute")
         expect(page.get_by_role("region", name="Budget vote 0")).to_be_visible()
         split(dao, page, reader, int(number), pass_time)
+
+
+def proposes(page: Page, reader: Page) -> None:
+    """The member asks for other terms, and reads before what that would do."""
+    expect(reader.get_by_role("button", name="Propose")).to_have_count(0)
+    page.get_by_role("button", name="Propose").click()
+    page.get_by_role("combobox", name="What").click()
+    terms = "Set the terms for services that are offered from now on"
+    page.get_by_role("option", name=terms).click()
+    page.get_by_role("button", name="Go on").click()
+    asked = page.get_by_role("dialog", name=terms)
+    for field, said in (
+        ("Bond (IEC)", "7"),
+        ("Penalty (IEC)", "3"),
+        ("Max failures", "2"),
+        ("Why", "prudence"),
+    ):
+        asked.get_by_label(field).fill(said)
+    asked.get_by_role("button", name="Review").click()
+    sure = page.get_by_role("dialog", name="Propose: set terms?")
+    expect(sure).to_contain_text(terms)
+    expect(sure).to_contain_text("Members propose and vote")
+    sure.get_by_role("button", name="Propose: set terms").click()
+    made = reader.get_by_role("region", name=re.compile("^Proposal")).filter(has_text="prudence")
+    expect(made).to_contain_text(f"Would do{terms}")
+    expect(made).to_contain_text("Organization.setTerms(")
 
 
 def take(page: Page, number: int, step: str) -> None:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Locator, Page
+import pytest
+from playwright.sync_api import Error, Locator, Page
 
 from rodeo_testing.waiting import wait_until
 
@@ -15,6 +16,10 @@ _NAMED |= {"menuitem", "image", "progressbar", "table", "region"}
 MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3 (AA) for text of this size."""
 
+_AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
+_VIOLATIONS = """async () => (await axe.run(document, {resultTypes: ["violations"]})).violations
+  .filter((rule) => ["serious", "critical"].includes(rule.impact))
+  .flatMap((rule) => rule.nodes.map((node) => `${rule.id} (${rule.impact}): ${node.html.slice(0, 200)}`))"""
 _FAINT = (Path(__file__).parent / "faint.js").read_text()
 _MAX_TABS = 100
 _UNSEEN_FOCUS = """() => {
@@ -49,6 +54,19 @@ def everything_is_named(page: Page) -> None:
     )
 
 
+def axe_finds_nothing(page: Page) -> None:
+    """axe-core finds nothing serious or critical; the page may still be drawn when this is called."""
+    if not _AXE.exists():
+        pytest.skip("axe-core is missing: make setup")
+    axe = _AXE.read_text()
+
+    def found() -> list[str]:
+        page.evaluate(f"() => {{ if (!window.axe) {{ {axe}\n }} }}")
+        return list(page.evaluate(_VIOLATIONS))
+
+    _until_none(page, found)
+
+
 def nothing_is_faint(page: Page) -> None:
     """No text stays too like what is behind it; colours may still be changing when this is called."""
     _until_none(page, lambda: page.evaluate(_FAINT, MIN_CONTRAST))
@@ -59,7 +77,16 @@ def _is_unnamed(role: str, node: dict[str, Any]) -> bool:
 
 
 def _until_none(page: Page, find: Callable[[], list[str]]) -> None:
-    wait_until(lambda: not find(), lambda: f"{page.url}: {find()}")
+    def found() -> list[str]:
+        try:
+            return find()
+        except Error as error:
+            # A page whose connection was lost for long loads itself again.
+            if "Execution context was destroyed" not in error.message:
+                raise
+            return ["the page was loaded again"]
+
+    wait_until(lambda: not found(), lambda: f"{page.url}: {found()}")
 
 
 def tab_to(page: Page, control: Locator) -> None:

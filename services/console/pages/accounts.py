@@ -8,7 +8,7 @@ from nicegui import ui
 
 from rodeo.access.accounts import User, workers
 from rodeo.access.roles import Role
-from rodeo.display.formatting import moment
+from rodeo.display.formatting import wall_moment
 from rodeo.text.strict_json import Json
 from services.console.pages.frame import Console, act, ask, frame, user
 from services.console.pages.widgets import (
@@ -49,7 +49,8 @@ class AccountsPage:
             with ui.element("div").classes("stack span-7"), card("Your tokens") as head:
                 with head:
                     ui.button("New token", icon="add", on_click=self._issue).props("flat dense")
-                Text("p", "With a token a program may do under /api whatever you may do here.", "soft")
+                told = "With a token a program may do under /api whatever you may do here."
+                Text("p", f"{told} Their times are the wall clock's.", "soft")
                 self._tokens = Section(self._draw_tokens).waiting()
             with ui.element("div").classes("stack span-5"), card("Your passphrase"):
                 Text("p", "A new passphrase ends all your sessions, including this one.", "soft")
@@ -162,7 +163,12 @@ class AccountsPage:
             "Your tokens",
             [("For", ""), ("Made", "plain wide-only"), ("Last used", ""), ("", "number")],
             [
-                (one["label"], moment(one["created_s"]), moment(one["used_s"]), partial(self._token_end, one))
+                (
+                    one["label"],
+                    wall_moment(one["created_s"]),
+                    wall_moment(one["used_s"]),
+                    partial(self._token_end, one),
+                )
                 for one in tokens
             ],
         )

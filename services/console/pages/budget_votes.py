@@ -8,9 +8,19 @@ from nicegui import ui
 
 from rodeo.access.roles import Role
 from rodeo.bus import queries
-from rodeo.display.formatting import count, iec, moment, party, split_in_words
+from rodeo.display.formatting import count, iec, party, split_in_words
 from rodeo.errors import RodeoError
-from services.console.pages.frame import Console, act, ask, follow_async, may, problem_section, stale, user
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    follow_async,
+    may,
+    problem_section,
+    stale,
+    user,
+    when,
+)
 from services.console.pages.widgets import (
     Section,
     Text,
@@ -63,7 +73,7 @@ class BudgetVotesSection:
         own = next((ballot for ballot in one.ballots if member and ballot.voter_name == member), None)
         with facts():
             fact("Amount", iec(one.amount_iec))
-            fact("Members vote until", moment(one.end_s))
+            fact("Members vote until", when(one.end_s))
             voters = ", ".join(party(ballot.voter_name, ballot.voter) for ballot in one.ballots)
             fact("Voted", voters or "nobody", "wrap")
             if own is not None:

@@ -7,12 +7,12 @@ from nicegui import ui
 from rodeo.access.accounts import User
 from rodeo.bus.messages import DaoEvent, Task
 from rodeo.commands.judging import challenge_of
-from rodeo.display.formatting import iec, moment
+from rodeo.display.formatting import iec
 from rodeo.display.story import Step
 from rodeo.errors import RodeoError
 from rodeo.judging.rulings import can_only_lose
 from services.console.actions import speaks_for
-from services.console.pages.frame import Console, act, ask, user
+from services.console.pages.frame import Console, act, ask, user, when
 from services.console.pages.widgets import Field, Text, ask_form, on_page
 
 
@@ -80,4 +80,4 @@ def draw_story(story: list[Step] | str) -> None:
         with ui.element("ol").props('aria-label="Story of the dispute"'):
             for step in story:
                 with ui.element("li"):
-                    Text("span", f"{moment(step.time_s)}: {step.text}", "wrap")
+                    Text("span", f"{when(step.time_s)}: {step.text}", "wrap")

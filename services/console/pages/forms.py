@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
 from nicegui import ui
@@ -12,11 +13,27 @@ from rodeo.commands import COMMANDS, Command
 from rodeo.commands.declare import bare
 from rodeo.display.formatting import phrase
 from rodeo.text.strict_json import Json
-from services.console.actions import ACTIONS
+from services.console.actions import summary_of
 from services.console.pages.frame import Console, act
 from services.console.pages.widgets import Field, ask_form, confirm, on_page
 
 _UNITS = {"iec": "IEC", "s": "s", "sha256": "0x…"}
+_PROPOSE = next(
+    name
+    for name, one in COMMANDS.items()
+    if one.declared.console is not None and one.declared.console.wallet == "proposer"
+)
+_WHY = "why"
+"""The field of a proposal's own words."""
+
+
+@dataclass(frozen=True)
+class Proposing:
+    """How a command is not given, but proposed."""
+
+    participant: str
+    then: str
+    """What happens to the proposal, in words."""
 
 
 def commands_of(role: Role) -> list[str]:
@@ -48,48 +65,63 @@ async def ask_command(
     then: Callable[[], Any],
     known: Json | None = None,
     start: Mapping[str, Any] | None = None,
+    proposal: Proposing | None = None,
 ) -> None:
-    """Ask for the command's fields that are not `known` and for confirmation, and have it done. `start` has
-    the fields' present values, as far as known."""
-    model, known = COMMANDS[name], known or {}
+    """Ask for the command's fields that are not `known` and for confirmation, and have it done, or only
+    proposed. `start` has the fields' present values, as far as known."""
+    model, known, what = COMMANDS[name], known or {}, title_of(name)
     fields = _fields(model, known, start or {})
+    summary = summary_of(model)
+    if proposal is not None:
+        fields[_WHY] = Field("Why", hint="Everybody reads it, with what the proposal would do.")
+        what = f"Propose: {what.lower()}"
 
     async def give(answer: dict[str, str]) -> bool:
         said: Json = {key: one for key, one in answer.items() if one}
         lines = [(phrase(bare(key)).capitalize(), str(one)) for key, one in known.items()]
         lines += [(fields[key].label, one) for key, one in said.items()]
-        lines = lines or [("What", ACTIONS[name].summary)]
+        why = said.pop(_WHY, "")
         request = known | {key: one.split(",") if _is_list(model, key) else one for key, one in said.items()}
         amount = f" {said['amount_iec']} IEC" if "amount_iec" in said else ""
         danger = model.declared.console is not None and model.declared.console.for_good
-        if not await confirm(f"{title_of(name)}?", lines, f"{title_of(name)}{amount}", danger=danger):
+        sent = name, request
+        if proposal is not None:
+            lines = [("What it does", summary), *lines, ("Then", proposal.then)]
+            about = {"participant": proposal.participant, "description": why}
+            sent = _PROPOSE, {**about, "command": name, "request": request}
+        if not await confirm(f"{what}?", lines or [("What", summary)], f"{what}{amount}", danger=danger):
             return False
-        if await act(console, name, request, f"Done: {title_of(name).lower()}") is None:
+        if await act(console, *sent, f"Done: {what.lower()}") is None:
             return False
         then()
         return True
 
     if fields:
-        await ask_form(ACTIONS[name].summary, fields, "Review", give)
+        await ask_form(summary, fields, "Review", give)
     else:
         await give({})
 
 
 @on_page
 async def choose_command(
-    console: Console, role: Role, then: Callable[[], Any], start: Mapping[str, Any]
+    console: Console,
+    names: Iterable[str],
+    then: Callable[[], Any],
+    start: Mapping[str, Any] | None = None,
+    proposal: Proposing | None = None,
 ) -> None:
-    """Ask for one of the role's commands, then for its fields."""
+    """Ask for one of these commands, then for its fields."""
     chosen: list[str] = []
 
     async def take(answer: dict[str, str]) -> bool:
         chosen.append(answer["command"])
         return True
 
-    names = {name: ACTIONS[name].summary for name in commands_of(role)}
-    await ask_form("Commands", {"command": Field("What", choices=names)}, "Go on", take)
+    summaries = {name: summary_of(COMMANDS[name]) for name in names}
+    title = "Commands" if proposal is None else "What do you propose?"
+    await ask_form(title, {"command": Field("What", choices=summaries)}, "Go on", take)
     for name in chosen:
-        await ask_command(console, name, then, start=start)
+        await ask_command(console, name, then, start=start, proposal=proposal)
 
 
 def _fields(model: type[Command], known: Json, start: Mapping[str, Any]) -> dict[str, Field]:

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from rodeo.access.accounts import Accounts, Session, User
 from rodeo.access.roles import Role
-from rodeo.display.formatting import explain
+from rodeo.display.formatting import explain, moment, zone
 from rodeo.errors import RodeoError
 from rodeo.kinds import Kinds
 from rodeo.person import pace
@@ -22,6 +22,7 @@ from rodeo.site.tls import openness
 from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS, Actions
 from services.console.live import Live
+from services.console.pages.clock import Clock
 from services.console.pages.widgets import Link, Section, Text, notice
 from services.console.queries import Queries
 
@@ -83,6 +84,7 @@ def user() -> User:
 @contextmanager
 def frame(console: Console, title: str, path: str, *, heading: bool = True) -> Iterator[None]:
     """Header, menu and the main region that the page fills."""
+    context.client.request.state.zone = zone(console.site)
     ui.page_title(f"{title} · RODEO")
     ui.add_head_html('<link rel="stylesheet" href="/static/console.css">')
     dark = {"dark": True, "light": False}.get(context.client.request.cookies.get(THEME_COOKIE, ""))
@@ -106,6 +108,7 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
             Text("span", "RODEO")
         Text("span", console.site.org, "organization")
         ui.element("span").classes("grow")
+        clock = Clock(zone(console.site))
         ui.button(icon="contrast", on_click=lambda: _switch(mode)).props(
             'flat round dense aria-label="Light or dark"'
         )
@@ -119,6 +122,7 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
             # A plain form: it works when nothing else does.
             with ui.element("form").props('method="post" action="/logout"').style("margin-top: 12px"):
                 ui.button("Log out").props("outline dense type=submit")
+    follow(console, "clock", lambda: clock.show(console.live.heartbeats.pace))
     with ui.element("div").classes("page") as main:
         if warning := openness(console.site):
             notice(f"{warning[0].upper()}{warning[1:]}.", bad=True)
@@ -133,6 +137,11 @@ def page_head(title: str, subtitle: str = "") -> None:
         Text("h1", title)
         if subtitle:
             Text("p", subtitle)
+
+
+def when(time_s: float | None) -> str:
+    """Site time with its zone: that of a simulated site is not the wall's."""
+    return "–" if time_s is None else f"{moment(time_s)} {context.client.request.state.zone}"
 
 
 async def _switch(mode: ui.dark_mode) -> None:

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from rodeo.access.roles import Role
 from rodeo.bus.queries import SERVICES, Offer
-from rodeo.display.formatting import explain, known_in_words, moment, share, span
+from rodeo.display.formatting import explain, known_in_words, share, span
 from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
 from services.console.lab_map import LabMap
@@ -23,6 +23,7 @@ from services.console.pages.frame import (
     page_head,
     problem_section,
     user,
+    when,
 )
 from services.console.pages.widgets import (
     Section,
@@ -123,7 +124,7 @@ class RobotCard:
                 pace = self._console.live.heartbeats.pace
                 fact(
                     "Known as",
-                    known_in_words(offers[0], moment, None if pace is None else pace.now_s),
+                    known_in_words(offers[0], when, None if pace is None else pace.now_s),
                     "wrap",
                 )
             if back := ", ".join(str(one.id) for one in offers if one.stood_back):

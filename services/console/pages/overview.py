@@ -1,7 +1,9 @@
-"""The organization at a glance: the lab, who does what, the queue, the money, the health of every process."""
+"""The organization at a glance: what needs a person, robots, the lab, what happened, the queue, the money,
+the processes."""
 
 from __future__ import annotations
 
+from decimal import Decimal
 from functools import partial
 
 from nicegui import ui
@@ -9,13 +11,16 @@ from nicegui import ui
 from rodeo.access.roles import Role
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Wallet
-from rodeo.display.formatting import iec, moment, party, process, share, span
+from rodeo.display.formatting import brief, count, iec, party, share, span
 from rodeo.judging.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
 from rodeo.text.strict_json import Json
+from services.console.attention import Need, RobotState, Seen, needs, robots
 from services.console.heartbeats import ProcessState
 from services.console.lab_map import LabViews
-from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
+from services.console.pages.feed import FeedCard
+from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user, when
 from services.console.pages.widgets import (
+    Link,
     Section,
     Text,
     badge,
@@ -26,9 +31,6 @@ from services.console.pages.widgets import (
     task_list,
     tile,
 )
-
-_WORKERS = ("robot_agent", "charger", "itrash", "oracle")
-"""Processes that do something which people want to follow."""
 
 
 def register(console: Console) -> None:
@@ -41,52 +43,84 @@ def register(console: Console) -> None:
                 if user().has(Role.OPERATOR):
                     ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
             problem = problem_section()
+            Needs(console)
             with card("Lab"):
                 lab_map = LabViews(console.lab, "robots and items").map
                 seen = Section(_draw_seen)
-            with ui.element("div").classes("grid tiles"):
-                open_, working, settled, supply = (
-                    tile(name, "–") for name in ("waiting", "being done", "paid so far", "IEC in circulation")
-                )
+            with card("Robots"):
+                working = Section(_draw_robots)
             with ui.element("div").classes("grid"):
                 with ui.element("div").classes("stack span-7"):
-                    with card("Queue"):
-                        queue = Section(_draw_queue).waiting()
-                    with card("Last verdicts"):
-                        verdicts = Section(_draw_verdicts).waiting().live()
+                    FeedCard(console)
                 with ui.element("div").classes("stack span-5"):
-                    with card("Now"):
-                        now = Section(_draw_now)
-                    with card("Wallets"):
-                        wallets = Section(_draw_wallets).waiting()
-                    with card("Processes"):
-                        health = Section(_draw_processes)
+                    Work(console, problem)
+            ui.link_target("processes").classes("visually-hidden")
+            with card("Processes"):
+                health = Section(_draw_processes)
+
+            def show_robots() -> None:
+                live = console.live
+                working.show(robots(console.site, console.lab, live.heartbeats.processes, live.map["robots"]))
 
             def show_map() -> None:
                 state = console.live.map
                 lab_map.show(state)
                 seen.show([(name, one) for name, one in _seen(state).items()])
+                show_robots()
 
             def show_processes() -> None:
                 health.show(console.live.heartbeats.processes)
-                now.show([one for one in console.live.heartbeats.processes if one.name.startswith(_WORKERS)])
-
-            def show_organization() -> None:
-                summary = console.live.summary
-                problem.show(f"This page is not current. {summary.problem}" if summary.problem else "")
-                counts = summary.counts
-                open_.set_text(_count(counts, "open"))
-                working.set_text(_count(counts, "assigned", "submitted", "ruled"))
-                settled.set_text(_count(counts, "settled"))
-                supply.set_text(iec(summary.supply_iec).removesuffix(" IEC"))
-                if counts:
-                    queue.show(summary.queue)
-                    verdicts.show(summary.verdicts)
-                    wallets.show(summary.wallets)
+                show_robots()
 
             follow(console, "map", show_map)
             follow(console, "processes", show_processes)
-            follow(console, "organization", show_organization)
+
+
+class Needs:
+    """What the overview begins with: what waits for a person."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        energy = console.kinds.providing("energy")
+        self._charging = None if energy is None else energy.name
+        with card("Needs a person"):
+            self._found = Section(_draw_needs).waiting().live()
+        for what in ("processes", "organization"):
+            follow(console, what, self._show)
+
+    def _show(self) -> None:
+        console, live = self._console, self._console.live
+        known = Seen(console.site, live.summary, live.heartbeats.processes, user(), self._charging, when)
+        self._found.show(needs(known))
+
+
+class Work:
+    """What the organization does; `problem` says why that is not current."""
+
+    def __init__(self, console: Console, problem: Section) -> None:
+        self._live, self._problem = console.live, problem
+        with ui.element("div").classes("grid tiles"):
+            names = ("waiting", "being done", "paid so far")
+            self._open, self._assigned, self._settled = (tile(name, "–", 4) for name in names)
+        with card("Queue"):
+            self._queue = Section(_draw_queue).waiting()
+        with card("Last verdicts"):
+            self._verdicts = Section(_draw_verdicts).waiting().live()
+        with card("Wallets"):
+            self._wallets = Section(_draw_wallets).waiting()
+        follow(console, "organization", self._show)
+
+    def _show(self) -> None:
+        summary = self._live.summary
+        self._problem.show(f"This page is not current. {summary.problem}" if summary.problem else "")
+        counts = summary.counts
+        self._open.set_text(_count(counts, "open"))
+        self._assigned.set_text(_count(counts, "assigned", "submitted", "ruled"))
+        self._settled.set_text(_count(counts, "settled"))
+        if counts:
+            self._queue.show(summary.queue)
+            self._verdicts.show(summary.verdicts)
+            self._wallets.show(summary.wallets, summary.supply_iec)
 
 
 def _count(counts: dict[str, int], *states: str) -> str:
@@ -111,23 +145,50 @@ def _draw_seen(words: list[tuple[str, str]]) -> None:
         Text("p", text, "soft")
 
 
-def _draw_now(processes: list[ProcessState]) -> None:
-    if not processes:
-        empty("No robot is working.")
+def _draw_needs(found: list[Need]) -> None:
+    if not found:
+        empty("Nothing waits for a person.")
         return
     with ui.element("ul").classes("list"):
-        for one in processes:
+        for one in found:
             with ui.element("li"):
-                Text("span", process(one.name), "title")
-                if one.state != "ready":
-                    badge(one.state)
-                else:
-                    Text("span", share(one.soc) if one.soc is not None else "", "soft end")
-                doing = one.doing or one.job
-                left = f", about {span(one.eta_s)} left" if one.eta_s is not None else ""
-                Text("span", doing + left, "soft")
-                if one.progress is not None:
-                    progress_bar(one.progress, one.name)
+                Link(brief(one.text), one.href, "title")
+                badge("alarm" if one.alarm else "waits", "bad" if one.alarm else "warn")
+
+
+def _draw_robots(found: list[RobotState]) -> None:
+    if not found:
+        empty("This site has no robots.")
+        return
+    table(
+        "Robots",
+        [
+            ("Robot", ""),
+            ("State", ""),
+            ("Battery", "number"),
+            ("Task", "wide-only"),
+            ("Place", "wide-only"),
+            ("Last word", "wrap"),
+        ],
+        [
+            (
+                partial(Link, one.name, "/operator"),
+                partial(badge, one.state),
+                share(one.soc),
+                "–" if one.task_id is None else partial(Link, f"task {one.task_id}", f"/tasks/{one.task_id}"),
+                one.place,
+                partial(_draw_word, one),
+            )
+            for one in found
+        ],
+    )
+
+
+def _draw_word(one: RobotState) -> None:
+    left = f", about {span(one.eta_s)} left" if one.eta_s is not None else ""
+    Text("span", brief(one.said) + left)
+    if one.progress is not None:
+        progress_bar(one.progress, one.name)
 
 
 def _draw_processes(processes: list[ProcessState]) -> None:
@@ -138,7 +199,7 @@ def _draw_processes(processes: list[ProcessState]) -> None:
             (
                 one.name,
                 partial(badge, one.state),
-                ". ".join([one.doing if one.state != "silent" else one.job, *one.warnings]),
+                brief(". ".join([one.doing if one.state != "silent" else one.job, *one.warnings])),
             )
             for one in processes
         ],
@@ -152,7 +213,7 @@ def _draw_queue(tasks: list[Task]) -> None:
         amount = task.reward_iec if task.price_iec is None else task.price_iec
         stands = ""
         if (said := task.standing) is not None:
-            stands = f" · {standing_words(task, iec(said.amount_iec), moment(said.until))}"
+            stands = f" · {standing_words(task, iec(said.amount_iec), when(said.until))}"
         Text("span", f"{iec(amount)}{who}{stands}", "soft")
 
     task_list(tasks, draw, "No task is waiting or being done.")
@@ -165,18 +226,21 @@ def _draw_verdicts(tasks: list[Task]) -> None:
         by_people = is_peoples_verdict(task)
         paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
         said = f"{verdict_words(verdict, task.reason, None, by_people, task.fault)} · "
-        when = moment(task.settled or task.proof_submitted)
-        Text("span", (paid if task.state == "settled" else "") + said + when, "soft")
+        ended = when(task.settled or task.proof_submitted)
+        Text("span", (paid if task.state == "settled" else "") + said + ended, "soft")
 
     task_list(tasks, draw, "No verdict yet.")
 
 
-def _draw_wallets(wallets: list[Wallet]) -> None:
+def _draw_wallets(wallets: list[Wallet], supply_iec: Decimal) -> None:
     if not wallets:
         empty("No wallets known yet.")
         return
+    full = [one for one in wallets if one.balance_iec]
     table(
         "Balances",
         [("Wallet", ""), ("IEC", "number")],
-        [(wallet.name, iec(wallet.balance_iec).removesuffix(" IEC")) for wallet in wallets],
+        [(one.name, iec(one.balance_iec).removesuffix(" IEC")) for one in full],
     )
+    empty_ = f"{count(len(wallets) - len(full), 'wallet')} without IEC. " if len(full) < len(wallets) else ""
+    Text("p", f"{empty_}{iec(supply_iec)} are in circulation.", "soft")

@@ -21,6 +21,8 @@ class Parameters:
     field for a JSON object."""
 
     def __init__(self, site: Site, kind: Kind | None, changed: Callable[[], None]) -> None:
+        self._site = site
+        self._inside: Mapping[str, str] = {}
         self._properties: Json = {
             name: schema
             for name, schema in (kind.schema.get("properties", {}) if kind else {}).items()
@@ -38,6 +40,16 @@ class Parameters:
 
     def _elements(self) -> list[Any]:
         return [*self.fields.values(), *([self._whole] if self._whole is not None else [])]
+
+    def offer_items(self, inside: Mapping[str, str]) -> None:
+        """Offer the items that lie in no bin, and say which do, as `scene.in_bins` has it."""
+        if (field := self.field("item")) is None or inside == self._inside:
+            return
+        self._inside = inside
+        offered = {item: text for item, text in _items(self._site).items() if item not in inside}
+        field.set_options(offered, value=field.value if field.value in offered else next(iter(offered), None))
+        said = "; ".join(f"{item} lies in {where}" for item, where in inside.items())
+        field.props(f"hint={json.dumps(said)}")
 
     def show(self, visible: bool) -> None:
         for one in self._elements():
@@ -73,11 +85,15 @@ class Parameters:
         ]
 
 
+def _items(site: Site) -> dict[str, str]:
+    return {item.id: f"{item.id} ({item.item_class.value})" for item in site.items}
+
+
 def _field(site: Site, name: str, schema: Json, changed: Callable[[], None]) -> Any:
     label, form = _label(name, schema), _form(schema)
     proposed = _shown(schema, next(iter(schema.get("examples", [])), None))
     if form == "item":
-        items = {item.id: f"{item.id} ({item.item_class.value})" for item in site.items}
+        items = _items(site)
         return ui.select(items, value=next(iter(items), None), label=label, on_change=changed)
     if form == "robot":
         robots = [one.name for one in site.robots]

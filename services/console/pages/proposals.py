@@ -12,19 +12,24 @@ from nicegui import ui
 from rodeo.access.roles import Role
 from rodeo.bus import queries
 from rodeo.bus.messages import Support
-from rodeo.display.formatting import calls_in_words, moment, party
-from rodeo.errors import RodeoError
+from rodeo.commands import COMMANDS
+from rodeo.display.formatting import calls_in_words, party, phrase, span
+from rodeo.errors import RodeoError, snake_case
+from services.console.actions import proposer_of, summary_of
 from services.console.pages.budget_votes import LOOK_S, BudgetVotesSection
+from services.console.pages.forms import Proposing, choose_command
 from services.console.pages.frame import (
     Console,
     act,
     ask,
+    follow,
     follow_async,
     frame,
     may,
     problem_section,
     stale,
     user,
+    when,
 )
 from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts, on_page
 
@@ -49,6 +54,16 @@ _STEPS = (
 )
 
 
+_MADE_BY = {
+    "changeKey": "change_judge_key",
+    "open": "open_budget_vote",
+    "seat": "seat_judge",
+    "updateDelay": "set_delay",
+    "vouchFor": "vouch",
+}
+"""Functions of contracts -> the command that calls them, where that has another name."""
+
+
 def register(console: Console) -> None:
     @ui.page("/proposals")
     def proposals() -> None:
@@ -57,13 +72,45 @@ def register(console: Console) -> None:
             ProposalsPage(console)
 
 
+def decided(organization: queries.Organization) -> str:
+    """How this organization decides, and what happens to a proposal."""
+    if not organization.delay_s:
+        return "The administrator's key acts at once here, and nothing is proposed."
+    then = f"{span(organization.delay_s)} later anybody may have it carried out."
+    if organization.decided_by == "vote":
+        return f"Members propose and vote. What they accept is queued, and {then}"
+    return f"An administrator proposes, and {then}"
+
+
+def does(call: queries.ProposedCall) -> str:
+    """What a call does, in the words of the command that makes it."""
+    if call.contract.startswith("0x"):
+        return f"call {call.contract}, which is no contract of the organization"
+    if not call.function:
+        return f"call {call.contract}, which has no such function"
+    if call.function == "multicall" and "calls" in call.args:
+        return "; ".join(_does(call.contract, one["function"]) for one in call.args["calls"])
+    return _does(call.contract, call.function)
+
+
+def _does(contract: str, function: str) -> str:
+    model = COMMANDS.get(_MADE_BY.get(function) or snake_case(function))
+    return f"{phrase(contract)}: {phrase(function).lower()}" if model is None else summary_of(model)
+
+
 class ProposalsPage:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._problem = problem_section()
+        with ui.element("div").classes("line"):
+            self._decided = Text("span", "", "soft")
+            self._propose = ui.button("Propose", icon="add", on_click=self._ask).props("outline")
+            self._propose.visible = False
+        self._proposing: Proposing | None = None
         self._all = Section(self._draw).waiting()
         self._refresh = follow_async(console, "events", self._load)
         ui.timer(LOOK_S, self._refresh)
+        follow(console, "organization", self._offer)
 
     async def _load(self) -> None:
         try:
@@ -74,12 +121,23 @@ class ProposalsPage:
         self._problem.show("")
         self._all.show(found)
 
+    def _offer(self) -> None:
+        """Let who may propose, and say how the organization decides."""
+        if (organization := self._console.live.summary.organization) is None:
+            return
+        self._decided.set_text(decided(organization))
+        participant = proposer_of(user(), organization.decided_by)
+        if participant is not None and organization.delay_s:
+            self._proposing = Proposing(participant, decided(organization))
+        self._propose.visible = self._proposing is not None
+
+    async def _ask(self) -> None:
+        names = sorted(name for name, one in COMMANDS.items() if one.declared.proposable)
+        await choose_command(self._console, names, self._refresh, proposal=self._proposing)
+
     def _draw(self, proposals: list[queries.Proposal]) -> None:
         if not proposals:
-            empty(
-                "Nothing was proposed yet. Members, or an administrator who waits, propose with "
-                "`rodeo organization propose`."
-            )
+            empty("Nothing was proposed yet.")
             return
         with ui.element("div").classes("stack"):
             for one in proposals:
@@ -91,17 +149,18 @@ class ProposalsPage:
     def _draw_one(self, one: queries.Proposal) -> None:
         Text("p", one.description, "wrap")
         with facts():
+            fact("Would do", "; ".join(map(does, one.calls)), "wrap")
             fact("Would call", calls_in_words(one.calls), "wrap")
             if one.vote_end_s is None:
-                fact("Proposed", moment(one.created_s))
+                fact("Proposed", when(one.created_s))
             else:
-                fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {moment(one.created_s)}")
+                fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {when(one.created_s)}")
                 for support in get_args(Support):
                     voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
                     fact(support.capitalize(), f"{one.votes[support]} {', '.join(voters)}")
-                fact("Votes count until", moment(one.vote_end_s))
+                fact("Votes count until", when(one.vote_end_s))
             if one.ready_s is not None:
-                fact("Can be executed from", moment(one.ready_s))
+                fact("Can be executed from", when(one.ready_s))
         with ui.element("div").classes("line"):
             voted = {ballot.voter_name for ballot in one.ballots}
             member = user().participant if user().has(Role.EXECUTOR) else None

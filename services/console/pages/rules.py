@@ -23,7 +23,7 @@ from rodeo.display.formatting import (
 )
 from rodeo.kinds import KindError
 from rodeo.text.strict_json import Json
-from services.console.pages.forms import choose_command
+from services.console.pages.forms import choose_command, commands_of
 from services.console.pages.frame import (
     Console,
     act,
@@ -73,7 +73,7 @@ class Rules:
             "Kinds of work",
             [
                 ("Kind of work", ""),
-                ("Judged by", ""),
+                ("Judged by", "wrap"),
                 ("Time", "wrap wide-only"),
                 ("Counts up to", "number wide-only"),
                 ("Rules", "wide-only"),
@@ -116,7 +116,8 @@ class Rules:
                     "outline dense"
                 )
                 now = {"policy": organization.policy, **terms.model_dump(mode="json")}
-                more = partial(choose_command, self._console, Role.ADMINISTRATOR, self._refresh, now)
+                names = commands_of(Role.ADMINISTRATOR)
+                more = partial(choose_command, self._console, names, self._refresh, now)
                 ui.button("Other commands", on_click=more).props("outline dense")
 
     def _kind_end(self, one: queries.KindRules) -> None:
@@ -226,37 +227,35 @@ class Rules:
 
 
 def _draw_judges(organization: queries.Organization) -> None:
-    if organization.judges:
-        table(
-            "Oracles that have to agree",
-            [("Oracle", ""), ("Works for", ""), ("Stake", "number"), ("Key", "wide-only")],
-            [
-                (
-                    one.name or str(one.seat),
-                    party(one.owner_name, one.owner),
-                    _stake(one, organization.stake_needed(one)),
-                    partial(hash_text, one.key),
-                )
-                for one in organization.judges
-            ],
-        )
+    benches: list[tuple[str, str, queries.Organization | queries.Committee]] = [
+        ("Oracles that have to agree", "Oracle", organization)
+    ]
     for number, committee in enumerate(organization.committees):
-        table(
-            "Judges of the appeal" if number else "Judges of challenges",
-            [
-                ("Judge of the appeal" if number else "Judge of challenges", ""),
-                ("Stake", "number"),
-                ("Key", "wide-only"),
-            ],
-            [
-                (
-                    one.name or str(one.seat),
-                    _stake(one, committee.stake_needed(one)),
-                    partial(hash_text, one.key),
-                )
-                for one in committee.judges
-            ],
-        )
+        of = "the appeal" if number else "challenges"
+        benches.append((f"Judges of {of}", f"Judge of {of}", committee))
+    seated = [one for one in benches if one[2].judges]
+    if seated:
+        with ui.element("div").classes("grid"):
+            for one in seated:
+                with ui.element("div").classes("span-4"):
+                    _draw_bench(*one)
+
+
+def _draw_bench(caption: str, title: str, bench: queries.Organization | queries.Committee) -> None:
+    table(
+        caption,
+        [(title, "wrap"), ("Stake", "number"), ("Key", "wide-only")],
+        [
+            (partial(_judge, one), _stake(one, bench.stake_needed(one)), partial(hash_text, one.key))
+            for one in bench.judges
+        ],
+    )
+
+
+def _judge(one: queries.Judge) -> None:
+    Text("div", one.name or str(one.seat))
+    if one.owner_name != one.name:
+        Text("div", f"works for {party(one.owner_name, one.owner)}", "soft")
 
 
 def _rules_hashes(rules: list[str]) -> None:

@@ -13,7 +13,6 @@ from rodeo.display.formatting import (
     iec,
     kind,
     known_in_words,
-    moment,
     namers_in_words,
     party,
     share,
@@ -32,6 +31,7 @@ from services.console.pages.frame import (
     problem_section,
     stale,
     user,
+    when,
 )
 from services.console.pages.rules import Rules, changed, judged_by
 from services.console.pages.widgets import (
@@ -66,18 +66,17 @@ class ServicesPage:
                 with head:
                     ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
             self._services = Section(self._draw_services).waiting()
+        with card("Rules"):
+            self._rules = Section(Rules(console, lambda: self._refresh()).draw).waiting()
         with card("Participants"):
             self._participants = Section(partial(_draw_participants, console)).waiting()
-        with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), card("Device keys") as head:
-                if person.has(Role.ADMINISTRATOR):
-                    with head:
-                        ui.button(
-                            "Register a key", icon="add", on_click=partial(self._ask, "register_device")
-                        ).props("flat dense")
-                self._devices = Section(self._draw_devices).waiting()
-            with ui.element("div").classes("stack span-5"), card("Rules"):
-                self._rules = Section(Rules(console, lambda: self._refresh()).draw).waiting()
+        with card("Device keys") as head:
+            if person.has(Role.ADMINISTRATOR):
+                with head:
+                    ui.button(
+                        "Register a key", icon="add", on_click=partial(self._ask, "register_device")
+                    ).props("flat dense")
+            self._devices = Section(self._draw_devices).waiting()
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
@@ -248,21 +247,13 @@ class ServicesPage:
             return
         table(
             "Device keys",
-            [
-                ("Key", ""),
-                ("Role", ""),
-                ("Name", ""),
-                ("Owner", ""),
-                ("Since", "wide-only"),
-                ("", "number"),
-            ],
+            [("Device", ""), ("Key", ""), ("Owner", "wide-only"), ("Since", "wide-only"), ("", "number")],
             [
                 (
+                    partial(_device_name, one),
                     partial(hash_text, one.address),
-                    one.role,
-                    one.name,
                     party(one.owner_name, one.owner),
-                    moment(one.registered),
+                    when(one.registered),
                     partial(self._device_end, one),
                 )
                 for one in devices
@@ -281,6 +272,11 @@ class ServicesPage:
             badge("active")
 
 
+def _device_name(device: queries.OwnedDevice) -> None:
+    Text("strong", device.name)
+    Text("div", device.role, "soft")
+
+
 def _role(name: str) -> str:
     """ORACLE_ROLE -> oracle"""
     return name.removesuffix("_ROLE").removeprefix("DEFAULT_").lower()
@@ -295,7 +291,7 @@ def _service_name(service: queries.Offer) -> None:
 def _known(console: Console, known: queries.Known) -> str:
     """What the contracts know of a provider, as of now."""
     pace = console.live.heartbeats.pace
-    return known_in_words(known, moment, None if pace is None else pace.now_s)
+    return known_in_words(known, when, None if pace is None else pace.now_s)
 
 
 def _provider(console: Console, service: queries.Offer) -> None:

@@ -16,7 +16,6 @@ from rodeo.display.formatting import (
     explain,
     iec,
     kind,
-    moment,
     number,
     parameter,
     party,
@@ -59,6 +58,7 @@ from services.console.pages.frame import (
     stale,
     time_left,
     user,
+    when,
 )
 from services.console.pages.replay import track_of
 from services.console.pages.verdict import draw_report
@@ -230,8 +230,8 @@ class TaskPage:
                 (
                     str(one.number),
                     party(names.get(one.executor), one.executor),
-                    moment(one.assigned_s),
-                    moment(one.submitted_s),
+                    when(one.assigned_s),
+                    when(one.submitted_s),
                     partial(_draw_outcome, one, verdicts[one.number]),
                     partial(self._choice, one, shown == one.number),
                 )
@@ -447,7 +447,7 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
                     item.props('aria-current="step"')
                 Text("strong", title)
                 if time_s is not None:
-                    Text("div", moment(time_s))
+                    Text("div", when(time_s))
                     if before is not None:
                         Text("div", f"after {span(time_s - before)}")
                     before = time_s
@@ -474,14 +474,14 @@ def _verdict_step(task: Task) -> str:
 
 def _deadline(task: Task) -> str:
     if task.state == "assigned" and not task.accepted:
-        return f"; the executor has until {moment(task.grace_ends_s)} to accept it"
+        return f"; the executor has until {when(task.grace_ends_s)} to accept it"
     if task.state == "assigned" and task.execution_deadline:
-        return f"; the proof is due by {moment(task.execution_deadline)}"
+        return f"; the proof is due by {when(task.execution_deadline)}"
     if task.state == "submitted" and task.verdict_deadline:
-        return f"; the ruling is due by {moment(task.verdict_deadline)}"
+        return f"; the ruling is due by {when(task.verdict_deadline)}"
     if task.standing is not None:
         stands = "auditors may rule" if task.passed_on else "the ruling stands"
-        return f"; {stands} until {moment(task.standing.until)}"
+        return f"; {stands} until {when(task.standing.until)}"
     return ""
 
 
@@ -492,7 +492,7 @@ def _draw_agreement(console: Console, task: Task) -> None:
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
         if task.standing is not None:
-            stands = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
+            stands = standing_words(task, iec(task.standing.amount_iec), when(task.standing.until))
             fact("Stands", stands, "wrap")
         if task.passed:
             fact("Not offered again to", passed_in_words(task), "wrap")
@@ -537,4 +537,4 @@ def _draw_transaction(transaction: Transaction) -> None:
     told = [name for name in transaction.events if name not in _TOKEN_EVENTS] or transaction.events
     Text("span", ", ".join(map(phrase, told)))
     sender = transaction.sender_name or short(transaction.sender or "unknown")
-    Text("div", f"{moment(transaction.time_s)} by {sender}", "soft")
+    Text("div", f"{when(transaction.time_s)} by {sender}", "soft")

@@ -16,7 +16,7 @@ from rodeo.bus import queries
 from rodeo.bus.messages import Task
 from rodeo.bus.session import validate
 from rodeo.commands.tasks import RegisterTask
-from rodeo.display.formatting import exact, explain, iec, kind, moment, party, span
+from rodeo.display.formatting import exact, explain, iec, kind, party, span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.person.pace import runs_fast
 from rodeo.text.strict_json import Json
@@ -32,10 +32,12 @@ from services.console.pages.frame import (
     problem_section,
     stale,
     user,
+    when,
 )
 from services.console.pages.parameters import Parameters
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import hireable, hired, problems
+from services.console.scene import in_bins
 
 PAGE_ROWS = 25
 MAX_PAGES = 10**6
@@ -160,7 +162,7 @@ def _draw_rows(tasks: list[Task], filtered: bool) -> None:
                 iec(task.reward_iec),
                 party(task.executor_name, task.executor),
                 f"{task.attempt}/{task.max_attempts}",
-                moment(task.registered),
+                when(task.registered),
             )
             for task in tasks
         ],
@@ -249,7 +251,7 @@ class PostForm:
             ui.timer(0, lambda: self._copy(like), once=True)
         else:
             self._kind_chosen()
-        follow(console, "map", lambda: self.map.show(console.live.map))
+        follow(console, "map", self._map_changed)
         follow(console, "organization", self._summary_changed)
         self._changed()
 
@@ -264,6 +266,8 @@ class PostForm:
             return
         self.kind.set_options({**dict(self.kind.options), task.kind: kind(task.kind)}, value=task.kind)
         self._shown().fill(task.params)
+        if (item := self._shown().field("item")) is not None and item.value != task.params.get("item_id"):
+            self._item_chosen()  # that of the other task lies in a bin now
         self.reward.value = exact(task.reward_iec).removesuffix(" IEC").replace(",", "")
         self.window.value = task.execution_window_s / 60
         self.attempts.value = task.max_attempts
@@ -273,6 +277,13 @@ class PostForm:
             if named in self.service.options:
                 self.service.value = named
         self._changed()
+
+    def _map_changed(self) -> None:
+        state = self._console.live.map
+        self.map.show(state)
+        inside = in_bins(self._console.site, state["items"])
+        for params in self._parameters.values():
+            params.offer_items(inside)
 
     def _shown(self) -> Parameters:
         """The fields of the kind that is chosen."""

@@ -12,7 +12,7 @@ from rodeo.access.roles import Role
 from rodeo.bus import queries
 from rodeo.charging.tariff import prices
 from rodeo.display.earnings import Line
-from rodeo.display.formatting import count, iec, moment, party, short, worth
+from rodeo.display.formatting import count, iec, party, short, worth
 from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
 from services.console.actions import ORGANIZATION
@@ -26,6 +26,7 @@ from services.console.pages.frame import (
     problem_section,
     stale,
     user,
+    when,
 )
 from services.console.pages.widgets import (
     Link,
@@ -43,7 +44,23 @@ CHARTED = 500
 """Transfers in the chart: as many as the bridge gives at once."""
 PAGE_ROWS = 20
 EARNINGS_ROWS = 40
-_GREEN, _RED, _TEAL, _AMBER = "#1a7f4b", "#b3261e", "#139a85", "#c98a12"
+_GREEN, _RED, _TEAL, _AMBER = "#2f9d58", "#d9453d", "#139a85", "#c98a12"
+_GREY = "#7b8896"
+"""Can be read on a light and on a dark card."""
+_AXIS = {
+    "nameTextStyle": {"color": _GREY},
+    "axisLabel": {"color": _GREY, "hideOverlap": True},
+    "axisLine": {"lineStyle": {"color": _GREY}},
+}
+_GRID = {"lineStyle": {"color": _GREY, "opacity": 0.2}}
+"""Fainter than what is charted on it, whatever is behind it."""
+_CHART: Json = {
+    "animation": False,
+    "textStyle": {"fontFamily": "inherit"},
+    "grid": {"left": 8, "right": 8, "top": 56, "bottom": 8, "containLabel": True},
+    "legend": {"top": 0, "type": "scroll", "textStyle": {"color": _GREY}, "inactiveColor": _GREY},
+    "tooltip": {"trigger": "item", "confine": True},
+}
 _PALETTE = (_TEAL, _AMBER, "#5b7fd0", "#a25fb0", _GREEN, _RED)
 
 
@@ -175,7 +192,7 @@ class TreasuryPage:
             ],
             [
                 (
-                    moment(one.time_s),
+                    when(one.time_s),
                     partial(_why, one),
                     _other(one, self._account),
                     f"{change(one):+,.2f}".rstrip("0").rstrip("."),
@@ -282,7 +299,6 @@ def _week_options(lines: list[Line]) -> Json:
     for one in lines:
         earned, spent = totals[one.participant][one.week]
         totals[one.participant][one.week] = earned + one.earned_iec, spent + one.spent_iec
-    axis = {"nameTextStyle": {"color": "#7b8896"}, "axisLabel": {"color": "#7b8896"}}
     series = [
         {
             "name": short(name),
@@ -296,18 +312,13 @@ def _week_options(lines: list[Line]) -> Json:
         for number, name in enumerate(totals)
         for index, sign in enumerate((1, -1))
     ]
-    return {
-        "animation": False,
-        "textStyle": {"fontFamily": "inherit"},
-        "grid": {"left": 8, "right": 8, "top": 56, "bottom": 8, "containLabel": True},
-        "legend": {"top": 0, "type": "scroll", "textStyle": {"color": "#7b8896"}},
-        "tooltip": {"trigger": "item", "confine": True},
-        "xAxis": {"type": "category", "data": weeks, "axisLabel": {"color": "#7b8896", "hideOverlap": True}},
-        "yAxis": {"type": "value", "name": "IEC earned (up), spent (down)", **axis,
-                  "nameTextStyle": {"color": "#7b8896", "align": "left"},
-                  "splitLine": {"lineStyle": {"opacity": 0.25}}},
+    upwards: Json = {"type": "value", "name": "IEC earned (up), spent (down)", **_AXIS, "splitLine": _GRID}
+    upwards["nameTextStyle"] = {"color": _GREY, "align": "left"}
+    return _CHART | {
+        "xAxis": {"type": "category", "data": weeks, **_AXIS},
+        "yAxis": upwards,
         "series": series,
-    }  # fmt: skip
+    }
 
 
 def _why_empty(charted: list[queries.Transfer]) -> str:
@@ -336,19 +347,12 @@ def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]
 
     line = {"lineStyle": {"width": 2}, "showSymbol": False, "step": "end", "type": "line"}
     dots = {"type": "scatter", "symbolSize": 9, "tooltip": {"formatter": "{b}"}}
-    axis = {"nameTextStyle": {"color": "#7b8896"}, "axisLabel": {"color": "#7b8896"}}
-    return {
+    return _CHART | {
         "useUTC": True,
-        "animation": False,
-        "textStyle": {"fontFamily": "inherit"},
-        "grid": {"left": 8, "right": 8, "top": 56, "bottom": 8, "containLabel": True},
-        "legend": {"top": 0, "type": "scroll", "textStyle": {"color": "#7b8896"}},
-        "tooltip": {"trigger": "item", "confine": True},
-        "xAxis": {"type": "time", "axisLabel": {"color": "#7b8896", "hideOverlap": True}},
+        "xAxis": {"type": "time", **_AXIS},
         "yAxis": [
-            {"type": "value", "name": "IEC", "scale": True, **axis,
-             "splitLine": {"lineStyle": {"opacity": 0.25}}},
-            {"type": "value", "name": "EUR/kWh", "min": 0, "splitLine": {"show": False}, **axis},
+            {"type": "value", "name": "IEC", "scale": True, **_AXIS, "splitLine": _GRID},
+            {"type": "value", "name": "EUR/kWh", "min": 0, **_AXIS, "splitLine": {"show": False}},
         ],
         "series": [
             {**line, "name": "Balance", "data": [point for _, point in known], "color": _TEAL},

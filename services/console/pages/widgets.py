@@ -57,9 +57,9 @@ def retitle(head: ui.element, title: str) -> None:
     heading.set_text(title)
 
 
-def tile(name: str, value: str) -> Text:
+def tile(name: str, value: str, span: int = 3) -> Text:
     """A number that matters; returns its text."""
-    with ui.element("div").classes("tile span-3"):
+    with ui.element("div").classes(f"tile span-{span}"):
         shown = Text("div", value, "value")
         Text("div", name, "name")
     return shown
@@ -123,7 +123,8 @@ def table(caption: str, columns: Sequence[tuple[str, str]], rows: Iterable[Seque
         Text("caption", caption, "visually-hidden")
         with ui.element("thead"), ui.element("tr"):
             for title, classes in columns:
-                Text("th", title, classes).props('scope="col"')
+                # A header without a word would be read as one.
+                Text("th", title, classes).props('scope="col"') if title else Text("td", "", classes)
         with ui.element("tbody"):
             for row in rows:
                 with ui.element("tr"):

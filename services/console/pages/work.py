@@ -13,7 +13,7 @@ from nicegui.events import UploadEventArguments
 from rodeo.access.roles import Role
 from rodeo.bus import queries
 from rodeo.bus.messages import Task
-from rodeo.display.formatting import count, explain, iec, kind, moment
+from rodeo.display.formatting import count, explain, iec, kind
 from rodeo.errors import RodeoError
 from rodeo.judging.verdicts import FAULTS, MEANINGS, WORDS, is_peoples_verdict, standing_words, verdict_words
 from rodeo.person import pace
@@ -31,6 +31,7 @@ from services.console.pages.frame import (
     stale,
     time_left,
     user,
+    when,
 )
 from services.console.pages.widgets import (
     Section,
@@ -115,7 +116,7 @@ class ExecutorDesk:
                 ui.button("Hand in", on_click=partial(self._hand_in, task)).props(
                     f'unelevated dense aria-label="Hand in task {task.id}"'
                 )
-            due = f" · due by {moment(task.execution_deadline)}" if task.execution_deadline else ""
+            due = f" · due by {when(task.execution_deadline)}" if task.execution_deadline else ""
             Text(
                 "span",
                 f"{task.description or 'no description'} · pays {iec(task.price_iec)}{due}",
@@ -195,9 +196,9 @@ def _draw_ended(tasks: list[Task]) -> None:
         by_people = is_peoples_verdict(task)
         said = verdict_words(verdict, task.reason, None, by_people, task.fault)
         if task.state == "settled":
-            said = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
+            said = f"paid {iec(task.paid_iec)} on {when(task.settled)} · {said}"
         elif task.standing is not None:
-            said = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
+            said = standing_words(task, iec(task.standing.amount_iec), when(task.standing.until))
         Text("span", said or "waiting for the ruling", "soft")
 
     task_list(tasks, draw, "You have submitted nothing yet.")
@@ -205,8 +206,8 @@ def _draw_ended(tasks: list[Task]) -> None:
 
 def _due(task: Task) -> str:
     if task.standing is not None:
-        return f" · {standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))}"
-    return f" · ruling due by {moment(task.verdict_deadline)}" if task.verdict_deadline else ""
+        return f" · {standing_words(task, iec(task.standing.amount_iec), when(task.standing.until))}"
+    return f" · ruling due by {when(task.verdict_deadline)}" if task.verdict_deadline else ""
 
 
 class AuditorDesk:

@@ -8,6 +8,8 @@ import pytest
 
 from rodeo.person.pace import Pace
 
+FUTURE_S = time.time() + 3600
+
 
 @pytest.mark.parametrize(
     ("speed", "told"),
@@ -29,3 +31,20 @@ def test_both_times_are_told_where_they_differ(speed: float, told: str) -> None:
 
 def test_a_task_whose_time_is_over_is_told_so() -> None:
     assert Pace(1.0, at_s=300.0, measured_s=time.time()).left(280.0) == "its time is over"
+
+
+@pytest.mark.parametrize(
+    ("later", "goes_on"),
+    [
+        (Pace(20.0, at_s=121.0, measured_s=FUTURE_S), True),
+        (Pace(20.0, at_s=150.0, measured_s=FUTURE_S), False),
+        (Pace(30.0, at_s=121.0, measured_s=FUTURE_S), False),
+        (Pace(0.0, at_s=121.0, measured_s=FUTURE_S), False),
+    ],
+)
+def test_a_clock_that_jumps_or_changes_its_speed_does_not_go_on_as_it_was_said(
+    later: Pace, goes_on: bool
+) -> None:
+    # Measurements of the future: no time passes between them in this test.
+    assert later.continues(Pace(20.0, at_s=120.0, measured_s=FUTURE_S)) is goes_on
+    assert not later.continues(None)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.access.accounts import Accounts, accounts_path, require_participant
+from rodeo.access.accounts import Accounts, Mark, accounts_path, require_participant
 from rodeo.access.errors import (
     AccountExists,
     AccountsDamaged,
@@ -257,3 +257,13 @@ def test_the_demos_account_may_look_and_act_and_not_administer(tmp_path: Path) -
     user = opened.session(opened.log_in_by_link(token)).user
     assert user.roles == {Role.OPERATOR, Role.TREASURER, Role.AUDITOR}
     assert [one.name for one in opened.users()] == ["demo"]
+
+
+def test_how_far_somebody_has_read_is_kept_for_each_account(path: Path) -> None:
+    accounts = Accounts(path, ConsoleConfig())
+    for mark in (Mark("0xc", 3, 5.0), Mark("0xc", 4, 6.0)):
+        accounts.set_mark("ada", mark)
+    accounts.close()
+    again = Accounts(path, ConsoleConfig())
+    assert (again.mark("ada"), again.mark("eva")) == (Mark("0xc", 4, 6.0), Mark())
+    again.close()

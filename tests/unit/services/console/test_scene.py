@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import arm_model, robot_model
 from rodeo.site.config import Site
 from services.console import scene, solids
-from tests.support.site import LAB
+from tests.support.site import LAB, RunningSite, write_site
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -100,3 +102,15 @@ def test_a_mesh_is_drawn_as_itself_and_one_of_too_many_faces_as_its_box(
     monkeypatch.setattr(solids, "MOST_FACES", 3)
     (shape,) = solids.shapes(model, 1)
     assert shape["kind"] == "box" and shape["size"] == pytest.approx([0.5] * 3, abs=0.3)
+
+
+def test_an_item_below_the_rim_lies_in_its_compartment_and_others_in_none(tmp_path: Path) -> None:
+    site = RunningSite(write_site(tmp_path), wallets=False).site
+    (one,) = site.bins
+    x, y, rim_m = BinLayout(one).compartment("yellow")
+    seen = {
+        "inside": {"x": x, "y": y, "z": rim_m / 2},
+        "held above": {"x": x, "y": y, "z": rim_m + 0.1},
+        "beside": {"x": x, "y": y + 1.0, "z": 0.05},
+    }
+    assert scene.in_bins(site, seen) == {"inside": f"{one.name}, yellow"}

@@ -106,7 +106,7 @@ class Night:
         )
         self.stop, self.news = stop, News(self.clock, stop)
         fakes: Any = self
-        activity: Any = SimpleNamespace(report=lambda text, *_: self.said.append(text), attempt=None)
+        activity: Any = SimpleNamespace(report=lambda text, *_, **__: self.said.append(text), attempt=None)
         robot: Any = self.robot or SimpleNamespace(
             name="panther1", pose=HOME, schedule=Schedule(["08:00-18:00"]), payout=self.payout
         )

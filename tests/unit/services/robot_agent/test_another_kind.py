@@ -211,7 +211,7 @@ class Mind:
         skills = Skills(kinds, self.behaviours, fit, self.clock)
         machine = Machine(config, self.body, self.hands, floor, memory, self.body.interrupts, none)
         self.news = News(self.clock, stop)
-        activity: Any = SimpleNamespace(report=lambda *_: None, attempt=None, expected_s=0.0)
+        activity: Any = SimpleNamespace(report=lambda *_, **__: None, attempt=None, expected_s=0.0)
         prices = Prices(site, config, self.dao, fit, self.clock, folder)
         self.offers = Offers(config, self.dao, skills, prices, self.clock)
         self.orders: Any = SimpleNamespace(
