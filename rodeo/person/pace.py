@@ -83,7 +83,7 @@ class Pace:
         return self.at_s + max(0.0, time.time() - self.measured_s) * self.speed
 
     def continues(self, before: Pace | None) -> bool:
-        """Whether a clock that goes on as `before` said shows this, by half a second of the wall's."""
+        """Whether a clock that continues as `before` said shows this, by half a second of the wall's."""
         if before is None:
             return False
         off_s = abs(self.now_s - before.now_s)

@@ -185,7 +185,7 @@ class Live:
 
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
         """Call `listener` when `what` (map, clock, processes, organization) changed; returns a function that
-        ends that. `clock`: the site's time goes on other than was said last. `feed`: there are new entries.
+        ends that. `clock`: the site's time continues other than was said last. `feed`: there are new entries.
 
         `events` is called as soon as something happened on chain, for pages that ask for themselves what they
         show; `organization` when the summary holds it, too.

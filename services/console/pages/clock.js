@@ -1,4 +1,4 @@
-// The site's clock. The server says how late it is and how fast it goes when that changes; in between, it goes on
+// The site's clock. The server says how late it is and how fast it goes when that changes; in between, it continues
 // by itself.
 
 const STANDS = 1e-3;

@@ -8,7 +8,7 @@ from rodeo.person.pace import Pace
 
 
 class Clock(ui.element, component="clock.js"):
-    """It goes on by itself between what `show` says."""
+    """It continues by itself between what `show` says."""
 
     def __init__(self, zone: str) -> None:
         super().__init__()

@@ -18,7 +18,7 @@ from services.console.errors import UnknownFile
 from services.console.guard import MAX_BODY_BYTES
 from services.console.lab_map import LabViews
 from services.console.pages.frame import Console, ask, fail, frame
-from services.console.pages.widgets import Text, card
+from services.console.pages.widgets import FileDrop, Text, card
 from services.console.queries import Evidence
 from services.console.replay import track
 
@@ -56,13 +56,13 @@ class _Side:
                 show = partial(self._choose, named)
                 named.on("keydown.enter", show)
                 ui.button("Show", on_click=show).props(f'outline dense aria-label="Show on the {side}"')
-                ui.upload(
-                    label="or drop a recording here",
-                    auto_upload=True,
+                FileDrop(
+                    "or drop a recording here",
+                    ".mcap",
                     max_file_size=_MAX_BYTES,
                     on_upload=self._dropped,
                     on_rejected=lambda: ui.notify(f"At most {_MAX_BYTES >> 20} MB", type="warning"),
-                ).props('flat bordered accept=".mcap"')
+                )
             self._told = Text("p", "", "soft").props('aria-live="polite"')
             self._views = LabViews(console.lab, f"the {side} recording")
         if wanted[side]:

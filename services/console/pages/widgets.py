@@ -145,6 +145,20 @@ def progress_bar(value: float, label: str) -> None:
         ui.element("div").style(f"width: {percent}%")
 
 
+class FileDrop(ui.upload):
+    """Takes files that are dropped on it, or chosen with its button. `words` follow those of the button."""
+
+    def __init__(self, words: str, accept: str, **how: Any) -> None:
+        super().__init__(auto_upload=True, **how)
+        self.props(f'flat bordered accept="{accept}"').classes("file-drop")
+        # Quasar's own head has a button and an entry without names, one inside the other.
+        self.add_slot(
+            "header",
+            f"""<q-btn flat dense icon="add" label="Choose a file" @click="props.pickFiles" />
+            <span>{words}</span><q-uploader-add-trigger />""",
+        )
+
+
 class _Redrawn(ui.element, component="section.js"):
     """Keeps the keyboard's focus when its content is replaced."""
 

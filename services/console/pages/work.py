@@ -34,6 +34,7 @@ from services.console.pages.frame import (
     when,
 )
 from services.console.pages.widgets import (
+    FileDrop,
     Section,
     Text,
     badge,
@@ -170,9 +171,9 @@ class ExecutorDesk:
             dialog.props("no-backdrop-dismiss")
             note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
             note.style("width: 100%")
-            upload = ui.upload(
-                label="Photos (JPEG or PNG)",
-                auto_upload=True,
+            FileDrop(
+                "or drop photos here (JPEG or PNG)",
+                "image/jpeg,image/png",
                 multiple=True,
                 max_file_size=MAX_PHOTO_BYTES,
                 max_files=MAX_PHOTOS,
@@ -181,7 +182,6 @@ class ExecutorDesk:
                     f"At most {MAX_PHOTOS} JPEG or PNG pictures of 8 MB", type="warning"
                 ),
             )
-            upload.props('accept="image/jpeg,image/png" flat bordered').style("width: 100%")
             added = Text("p", "No photo yet", "soft").props('aria-live="polite"')
             with ui.element("div").classes("dialog-buttons"):
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
