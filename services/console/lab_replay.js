@@ -149,7 +149,7 @@ export default {
         Object.fromEntries(Object.entries(columns).map(([key, values]) => [key, values[low] ?? undefined]));
       const state = { goesOn, robots: {}, items: {} };
       for (const [name, one] of Object.entries(robots))
-        state.robots[name] = { ...pick(one), fresh: true, path: one.x.slice(0, low + 1).map((x, i) => [x, one.y[i]]) };
+        state.robots[name] = { ...pick(one), fresh: true, trail: one.x.slice(0, low + 1).map((x, i) => [x, one.y[i]]) };
       for (const [id, one] of Object.entries(items)) state.items[id] = { ...pick(one), fresh: true };
       this.tell(state);
     },

@@ -89,7 +89,7 @@ export default {
     <div class="lab-scene">
       <div class="lab-scene-view" ref="view" role="img" :aria-label="label"></div>
       <p v-if="problem" class="empty">{{ problem }}</p>
-      <div v-else class="lab-scene-tools">
+      <div v-else class="lab-tools">
         <label>Look at
           <select v-model="target"><option value="">the lab</option><option v-for="name in places">{{ name }}</option></select>
         </label>
@@ -238,7 +238,7 @@ export default {
         root.position.set(one.x, one.y, 0);
         root.rotation.z = one.yaw;
         (one.joints ?? []).forEach((position, joint) => position === null || set[joint]?.(position));
-        path.geometry.setFromPoints((one.path ?? []).map(([x, y]) => new THREE.Vector3(x, y, 0.01)));
+        path.geometry.setFromPoints((one.path ?? one.trail ?? []).map(([x, y]) => new THREE.Vector3(x, y, 0.01)));
       }
       for (const [id, group] of Object.entries(this.items)) {
         const one = items[id];

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -36,7 +37,7 @@ from services.console import solids
 from services.console.feed import Notes
 from services.console.heartbeats import Heartbeats
 from services.console.queries import Queries
-from services.console.scene import arm_drawing
+from services.console.scene import ahead, arm_drawing
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +56,8 @@ _ENDED_ASKED = 30
 _CASES_ASKED = 50
 _PROPOSALS_ASKED = 20
 _PATH_POINTS = 60
+_MOVES_M = 0.01
+"""Between two maps; less is noise of motion capture."""
 
 
 Read = Callable[[Any], Any]
@@ -96,6 +99,10 @@ class Newest:
     @property
     def fresh(self) -> bool:
         return time.monotonic() - self.heard_s < STALE_S
+
+    def holds(self) -> None:
+        """What was read last is still so."""
+        self.heard_s = time.monotonic()
 
     def close(self) -> None:
         self._subscriber.undeclare()
@@ -368,15 +375,23 @@ class Live:
         if battery.message is not None and battery.fresh:
             state["soc"] = round(battery.message.soc, 3)
         plan = self._newest[topics.PLAN.name(ns=namespace)]
-        if plan.message is not None and plan.fresh:
-            points = plan.message
-            state["path"] = [[_mm(at.x), _mm(at.y)] for at in points[:: max(1, len(points) // _PATH_POINTS)]]
+        if plan.message and "x" in state:
+            before = self.map["robots"].get(name, {})
+            # A plan is published once, when the robot sets off.
+            if "x" in before and math.dist(_xy(state), _xy(before)) > _MOVES_M:
+                plan.holds()
+            if plan.fresh:
+                state["path"] = ahead([(at.x, at.y) for at in plan.message], *_xy(state), _PATH_POINTS)
         return state
 
 
 def _pose(pose: Any) -> Json:
     at = on_plane(pose)
     return {"x": _mm(at.x_m), "y": _mm(at.y_m), "yaw": round(at.yaw_rad, 3)}
+
+
+def _xy(state: Json) -> tuple[float, float]:
+    return state["x"], state["y"]
 
 
 def _mm(value_m: float) -> float:

@@ -5,6 +5,7 @@ Coordinates are in the map frame, metres, rounded to millimetres: they are sent 
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,12 @@ class ArmDrawing:
 
 arm_drawing = cache(ArmDrawing)
 """One of each model."""
+
+
+def ahead(way: list[tuple[float, float]], x_m: float, y_m: float, most: int) -> list[list[float]]:
+    """The part of a way (m) that begins next to this place: about `most` of its points, and its end."""
+    left = way[min(range(len(way)), key=lambda i: math.dist(way[i], (x_m, y_m))) :]
+    return [[round(x, 3), round(y, 3)] for x, y in [*left[: -1 : max(1, len(left) // most)], left[-1]]]
 
 
 def in_bins(site: Site, items: Json) -> dict[str, str]:

@@ -134,6 +134,7 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     expect(page.get_by_role("option", name=item)).to_have_count(0)
 
     open_page(page, "/")
+    can_be_moved_without_a_mouse(page)
     robot_row = page.get_by_role("table", name="Robots").get_by_role("row").filter(has_text="panther1")
     expect(robot_row).to_contain_text("%")
     happened = page.get_by_role("region", name="Events and alarms")
@@ -147,6 +148,30 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
             expect(paid.get_by_text("new", exact=True)).to_have_count(0)
             open_page(page, "/")
     page.close()
+
+
+def can_be_moved_without_a_mouse(page: Page) -> None:
+    """The overview's map zooms, moves and follows the robot."""
+    camera = page.locator(".lab-map .camera")
+    whole, middle = camera.get_attribute("style") or "", "translate(3.5px, -2.5px)"
+    assert middle in whole
+    tools = page.locator(".lab-map .lab-tools")
+    tools.get_by_label("Follow").select_option("panther1")
+    expect(camera).to_have_attribute("style", re.compile(r"scale\(3\)"))
+    page.get_by_role("group", name=re.compile("^Map: ")).focus()
+    for key, becomes in (("-", r"scale\(2\)"), ("ArrowUp", r"scale\(2\)"), ("0", r"scale\(1\)")):
+        before = camera.get_attribute("style") or ""
+        page.keyboard.press(key)
+        expect(camera).not_to_have_attribute("style", before)
+        expect(camera).to_have_attribute("style", re.compile(becomes))
+    expect(camera).to_have_attribute("style", whole)
+    names = page.locator(".lab-map .bin text")
+    tools.get_by_text("Layers").click()
+    tools.get_by_label("Names").uncheck()
+    expect(names).to_be_hidden()
+    tools.get_by_label("Names").check()
+    expect(names).to_be_visible()
+    expect(page.locator(".lab-map .trail").first).to_be_attached()
 
 
 @pytest.mark.long

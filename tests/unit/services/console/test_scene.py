@@ -33,6 +33,14 @@ def test_the_drawn_arm_is_the_models_seen_from_above(seed: int) -> None:
     assert points[-1] == pytest.approx(data.site("grasp").xpos[:2], abs=0.001)
 
 
+def test_the_way_ahead_begins_next_to_the_robot_and_keeps_its_end() -> None:
+    way = [(x / 10, 1.0) for x in range(41)]
+    assert scene.ahead(way, 3.62, 1.2, 60) == [[3.6, 1.0], [3.7, 1.0], [3.8, 1.0], [3.9, 1.0], [4.0, 1.0]]
+    thinned = scene.ahead(way, 0.0, 1.0, 10)
+    assert thinned[0] == [0.0, 1.0] and thinned[-1] == [4.0, 1.0] and len(thinned) <= 12
+    assert scene.ahead(way, 9.0, 1.0, 10) == [[4.0, 1.0]]
+
+
 def place_of(part: dict[str, Any], joints: list[float], path: list[int]) -> np.ndarray:
     """Where the page puts the body at the end of `path`, in the base frame: as `lab_scene.js` does."""
     quaternion, position = part["quat"], np.array(part["pos"])
