@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from rodeo.site.names import BRIDGE
 from rodeo.site.processes import processes_of
 from rodeo.text.strict_json import Json
 
+_ADDRESS = re.compile(r"http://[\w.:\[\]-]+:\d{1,5}")
 _LOST_S = 3 * HEARTBEAT_S
 _MOST = 500
 """Far more processes than a site has: on an open bus anybody may claim to be another one."""
@@ -62,6 +64,14 @@ class Heartbeats:
         status, heard_s = self._statuses.get("robot_sim", (None, -math.inf))
         silent = status is None or time.monotonic() - heard_s > _LOST_S
         return Pace.of(self._site, {} if status is None or silent else status.details)
+
+    @property
+    def metrics(self) -> dict[str, str]:
+        """Host and port of the metrics of each process that the site file names."""
+        known = {
+            name: status.metrics_url for name, (status, _) in self._statuses.items() if name in self._jobs
+        }
+        return {name: url.removeprefix("http://") for name, url in known.items() if _ADDRESS.fullmatch(url)}
 
     @property
     def bridge(self) -> str:

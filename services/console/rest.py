@@ -60,6 +60,13 @@ class Lab(BaseModel):
     """Where robots and items were last seen, m and rad in the frame map."""
 
 
+class Scraped(BaseModel):
+    """Targets of Prometheus."""
+
+    targets: list[str]
+    labels: dict[str, str]
+
+
 class Done(BaseModel):
     """What an action did. Of a command on chain: its transaction, and the number of what it made; with
     `dry_run` its calls and their cost."""
@@ -248,6 +255,12 @@ def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> No
     def processes(_user: caller) -> list[ProcessState]:
         """Every process of the site: its state and what it does."""
         return console.live.heartbeats.processes
+
+    @api.get("/metrics-targets")
+    def metrics_targets(_user: caller) -> list[Scraped]:
+        """Where each process serves its metrics, as Prometheus asks for it (`http_sd_configs`)."""
+        found = console.live.heartbeats.metrics
+        return [Scraped(targets=[at], labels={"process": name}) for name, at in found.items()]
 
     @api.get("/lab", responses={200: {"model": Lab}})
     def lab(_user: caller) -> Json:

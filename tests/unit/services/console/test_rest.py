@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,16 +10,22 @@ import pytest
 from starlette.testclient import TestClient
 
 from rodeo.access.accounts import User
+from rodeo.bus.messages import Status
 from rodeo.bus.session import validate
 from rodeo.commands.tasks import RegisterTask
 from rodeo.errors import InvalidRequest
+from rodeo.site import topics
+from services.console.heartbeats import Heartbeats
 from services.console.rest import make_api
+from tests.support.site import RunningSite, write_site
+
+LIVE = SimpleNamespace(heartbeats=None)
 
 
 @pytest.fixture
 def client() -> TestClient:
     accounts = SimpleNamespace(token_user=lambda _token: User("ada", frozenset(), None, False))
-    console: Any = SimpleNamespace(accounts=accounts, queries=None)
+    console: Any = SimpleNamespace(accounts=accounts, queries=None, live=LIVE)
     return TestClient(make_api(console), headers={"Authorization": "Bearer x"})
 
 
@@ -54,3 +61,22 @@ def test_the_bus_says_the_same(client: TestClient) -> None:
         "kind": "is missing: write it",
         "kinds": 'no such field; is "kind" meant?',
     }
+
+
+def test_prometheus_is_told_where_the_sites_own_processes_serve_their_metrics(
+    client: TestClient, tmp_path: Path
+) -> None:
+    heartbeats = Heartbeats(RunningSite(write_site(tmp_path), wallets=False).site)
+    for name, url in (
+        ("bridge", "http://127.0.0.1:9001"),
+        ("oracle", "http://127.0.0.1:9002/else?x="),
+        ("stranger", "http://127.0.0.1:9003"),
+    ):
+        said = Status(
+            process=name, pid=1, ready=True, reason="", activity="", progress=None, since_s=0, time_s=0,
+            metrics_url=url,
+        )  # fmt: skip
+        heartbeats.hear(topics.STATUS.name(org="lab", process=name), said.model_dump())
+    LIVE.heartbeats = heartbeats
+    answer = client.get("/metrics-targets").json()
+    assert answer == [{"targets": ["127.0.0.1:9001"], "labels": {"process": "bridge"}}]
