@@ -25,8 +25,8 @@ from rodeo.ros2.readings import Unknown
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.text.strict_json import encode
-from rodeo_experiments.conduct import Meters
 from rodeo_experiments.lab import Lab
+from rodeo_experiments.progress import Meters
 from services.charger.terminals import BusTerminals
 from services.console.heartbeats import number as finite
 from services.console.live import Newest
@@ -250,14 +250,12 @@ def test_the_consoles_numbers_are_finite() -> None:
 
 
 def test_an_experiment_notes_finite_readings_and_poses() -> None:
-    meters: Any = Meters.__new__(Meters)
-    meters.site = Site.load(LAB)
-    meters.lock, meters.battery, meters.flows, meters._last = threading.Lock(), [], [], {}
+    meters = Meters(Site.load(LAB))
     for value in NO_NUMBERS:
         meters.on_gauge("panther1", battery(value), None)
         meters.on_gauge("panther1", battery(voltage=value), None)
         meters.on_output("dock", battery(voltage=value), None)
-    assert (meters.battery, meters.flows, meters._last) == ([], [], {})
+    assert (meters.battery, meters.flows) == ([], [])
     lab: Any = Lab.__new__(Lab)
     lab._poses = {}
     for message in BAD_POSES:
