@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import threading
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 from rodeo.bus.messages import Task
 from rodeo.bus.session import Bus
 from rodeo.host.clock import Clock
+from rodeo.lab.config import BatteryConfig, DockConfig
 from rodeo.robot.receipts import Receipts
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new, time_message
@@ -34,6 +35,42 @@ class SiteOnABus(Protocol):
     def bus(self) -> Bus: ...
 
 
+class Circuit(NamedTuple):
+    """A supply, the robot's battery and what the robot uses itself."""
+
+    supply: DockConfig
+    battery: BatteryConfig
+
+    def flow(self, soc: float, closed: bool) -> tuple[float, float, float]:
+        """Voltage (V), current through the contacts and current into the battery (A)."""
+        open_circuit_v = 32 + 10 * soc
+        load_a = self.battery.idle_power_w / open_circuit_v
+        current_a = 0.0
+        if closed:
+            headroom_a = (self.supply.voltage_v - open_circuit_v) / self.battery.resistance_ohm
+            current_a = min(self.supply.current_a, headroom_a + load_a)
+        net_a = current_a - load_a
+        return open_circuit_v + net_a * self.battery.resistance_ohm, current_a, net_a
+
+
+class Topics:
+    """What the dock, the robot's gauge and the clock publish."""
+
+    def __init__(self, site: Site, node: Node) -> None:
+        dock, robot = site.docks[0].name, site.robots[0].name
+        self.node = node
+        self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
+        self._output = node.publisher(topics.DOCK_OUTPUT.name(dock=dock), topics.DOCK_OUTPUT.type)
+        self._gauge = node.publisher(topics.BATTERY_STATE.name(ns=robot), topics.BATTERY_STATE.type)
+
+    def publish(self, time_ns: int, gauge: dict[str, float], output: dict[str, float | bool]) -> None:
+        stamp = time_message(time_ns)
+        header = new("std_msgs/msg/Header", stamp=stamp)
+        self._clock.publish(new("rosgraph_msgs/msg/Clock", clock=stamp))
+        self._gauge.publish(new(topics.BATTERY_STATE.type, header=header, **gauge))
+        self._output.publish(new(topics.DOCK_OUTPUT.type, header=header, **output))
+
+
 class Hardware:
     """Dock, contactor and battery, and the site's clock, hundreds of times faster than real time."""
 
@@ -49,14 +86,11 @@ class Hardware:
         self.malformed = False
         """Whether its readings are not numbers."""
         self._time_ns = 1_800_000_000_000_000_000
-        dock, robot = site.site.docks[0].name, site.site.robots[0]
-        self._supply, self._battery = site.site.docks[0], robot.battery
+        dock = site.site.docks[0]
+        self._circuit = Circuit(dock, site.site.robots[0].battery)
         node = Node(site.bus.session, "hardware", "", site.site.bus.domain_id, self)
-        self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
-        self._output = node.publisher(topics.DOCK_OUTPUT.name(dock=dock), topics.DOCK_OUTPUT.type)
-        self._state = node.publisher(topics.BATTERY_STATE.name(ns=robot.name), topics.BATTERY_STATE.type)
-        node.service(topics.DOCK_ENABLE.name(dock=dock), topics.DOCK_ENABLE.type, self._enable)
-        self._node = node
+        self._topics = Topics(site.site, node)
+        node.service(topics.DOCK_ENABLE.name(dock=dock.name), topics.DOCK_ENABLE.type, self._enable)
         self.fast = True
         """While current flows, and before."""
         self.target_soc = TARGET_SOC
@@ -92,27 +126,15 @@ class Hardware:
         # At the target a second of lag must not overcharge the battery.
         while not self._stop.wait(TICK_S if self._hurries else SLOW_TICK_S):
             self._time_ns += 1_000_000_000
-            open_circuit_v = 32 + 10 * self.soc
-            current_a = 0.0
-            load_a = self._battery.idle_power_w / open_circuit_v
+            voltage_v, current_a, net_a = self._circuit.flow(self.soc, self.closed and self.docked)
             if self.closed and self.docked:
-                headroom_a = (self._supply.voltage_v - open_circuit_v) / self._battery.resistance_ohm
-                current_a = min(self._supply.current_a, headroom_a + load_a)
-            net_a = current_a - load_a
-            voltage_v = open_circuit_v + net_a * self._battery.resistance_ohm
-            if self.closed and self.docked:
-                self.soc += net_a / 3600 / self._battery.capacity_ah
+                self.soc += net_a / 3600 / self._circuit.battery.capacity_ah
             self.energy_wh += voltage_v * current_a / 3600
-            stamp = time_message(self._time_ns)
-            header = new("std_msgs/msg/Header", stamp=stamp)
-            battery = "sensor_msgs/msg/BatteryState"
-            self._clock.publish(new("rosgraph_msgs/msg/Clock", clock=stamp))
             gauge_v = math.nan if self.malformed else voltage_v
-            self._state.publish(
-                new(battery, header=header, voltage=gauge_v, current=net_a * self.gauge, percentage=self.soc)
-            )
-            self._output.publish(
-                new(battery, header=header, voltage=voltage_v, current=current_a, present=self.docked)
+            self._topics.publish(
+                self._time_ns,
+                {"voltage": gauge_v, "current": net_a * self.gauge, "percentage": self.soc},
+                {"voltage": voltage_v, "current": current_a, "present": self.docked},
             )
 
     def wait_for_command(self, closed: bool) -> None:
@@ -124,7 +146,7 @@ class Hardware:
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
-        self._node.close()
+        self._topics.node.close()
 
 
 class Buyer:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,7 +20,9 @@ from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.host.clock import Clock, Patience
+from rodeo.recording.arrived import Arrived, Odometry
 from rodeo.recording.door import LEFT_OUT, MessageDoor, Refusals, stamp_slack_s
+from rodeo.recording.guarded import GuardedRecorder
 from rodeo.recording.pictures import PictureFetcher
 from rodeo.recording.seals import SealPublisher
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
@@ -51,8 +52,6 @@ for each look."""
 STALLED = "stalled"
 """Event: {"event", "from_s", "to_s"}, site time over which the robot's odometry was silent, and none was
 lost."""
-_HOLE_NS = 400_000_000
-"""Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
 
 
 def recorded_topics(site: Site, robot: str, records: Iterable[Topic]) -> Iterator[tuple[Topic, str]]:
@@ -159,31 +158,15 @@ class Recording:
         The file begins when body and motion capture are heard: on a busy machine that takes a fast
         simulation seconds, which would be a hole.
         """
-        self._recorder: Recorder
-        site, bus, clock, device = robot.site, robot.bus, robot.clock, robot.device
-        self._clock = clock
-        self._interrupts = robot.interrupts
+        site, bus = robot.site, robot.bus
+        self._robot = robot
         self._node = node
         self._binding = binding
-        self._device = device
-        self._robot = robot.name
-        self._watches = site.lab.mocap
-        self._failure: EvidenceError | None = None
-        self._open = False
+        self._writer = GuardedRecorder()
         self._finished = False
         self._holes_allowed = holes_allowed
-        self._hole_ns = 0
-        self._last_odom: tuple[int, int] | None = None
-        """Stamp (ns) and sequence number."""
-        self._lock = threading.Lock()
-        self._heard_ns: dict[str, int] = {}
-        """Header stamp of the newest message of each topic with a rate."""
-        self._motion_ns = 0
-        """Up to when motion capture told what it saw; 0 until it was heard."""
-        self._listed = False
-        """Whether motion capture listed a head of this recording."""
-        self._shown: set[str] = set()
-        """Bodies that motion capture showed since the recording began."""
+        self._odometry = Odometry()
+        self._arrived = Arrived()
         self._resumes = path.exists()
         self._early: list[Heard] = []
         """Stated while nothing was recorded, and heard before the file that continues is open."""
@@ -192,13 +175,13 @@ class Recording:
         recorded = list(recorded_topics(site, robot.name, records))
         for topic, name in recorded:
             # Inline: what is sent before the time continues has then been taken.
-            writer = self._writer(topic, name, MessageDoor(topic, slack_s))
-            node.raw_subscription(name, topic.type, writer, inline=True)
+            on_message = self._on_message(topic, name, MessageDoor(topic, slack_s))
+            node.raw_subscription(name, topic.type, on_message, inline=True)
         self._listener = self._listen(robot, slack_s, path)
         self._seals = SealPublisher(bus, site.org, robot.name)
         self._pictures_written = 0
         self._pictures = PictureFetcher(bus, site.org, self._on_picture)
-        self._await_inputs(site, recorded)
+        self._await_inputs(recorded)
         self._begin(path)
 
     def _listen(self, robot: RecordedRobot, slack_s: float, path: Path) -> StatementListener:
@@ -217,131 +200,116 @@ class Recording:
             hold=partial(clock.hold, within=True),
         )
 
-    def _await_inputs(self, site: Site, recorded: Iterable[tuple[Topic, str]]) -> None:
+    def _await_inputs(self, recorded: Iterable[tuple[Topic, str]]) -> None:
         # At 50 Hz each; the others are not waited for, or the first motion would be late.
         wanted = {
             name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, topics.POSE)
         }
-        if self._watches:
-            wanted -= {topics.POSE.name(ns=site.robot(self._robot).namespace)}
+        if self._is_watched:
+            wanted -= {topics.POSE.name(ns=self._robot.site.robot(self._robot.name).namespace)}
+
+        arrived = self._arrived
 
         def heard() -> bool:
-            return wanted <= self._heard_ns.keys() and (self._motion_ns > 0 or not self._watches)
+            return wanted <= arrived.names and (arrived.motion_ns > 0 or not self._is_watched)
 
         if not self._await(heard, _SILENT_WALL_S):
-            silent = sorted(wanted - self._heard_ns.keys())
-            if self._watches and not self._motion_ns:
+            silent = sorted(wanted - arrived.names)
+            if self._is_watched and not arrived.motion_ns:
                 silent.append("motion capture")
             log.warning("the recording begins without %s", ", ".join(silent))
 
     def _begin(self, path: Path) -> None:
         try:
             begin = Recorder.resume if self._resumes else Recorder
-            self._recorder = begin(path, self._binding, self._device, self._clock, self._seals)
+            recorder = begin(path, self._binding, self._robot.device, self._robot.clock, self._seals)
         except EvidenceError:
             self._close_inputs()
             self._seals.close()
             raise
         # Motion capture lists it in what it says next.
         self._seals.settle()
-        with self._lock:
-            self._open = True
+        with self._writer.lock:
+            self._writer.begin(recorder)
             early, self._early = self._early, []
         for one in early:
             self._on_statement(one)
+
+    @property
+    def _is_watched(self) -> bool:
+        return self._robot.site.lab.mocap
 
     @property
     def claimant(self) -> Claimant:
         """For whom and what the robot works while this is recorded."""
         return Claimant(
             device=self._binding.device,
-            address=self._device.address,
-            recording=self._recorder.recording,
+            address=self._robot.device.address,
+            recording=self._writer.recorder.recording,
             task_id=self._binding.task_id,
             attempt=self._binding.attempt,
         )
 
     def _await(self, done: Callable[[], bool], limit_s: float) -> bool:
         """Let site time pass until `done()`, which is looked at now and then; False after `limit_s`."""
-        patience = Patience(self._clock, limit_s)
+        patience = Patience(self._robot.clock, limit_s)
         while True:
             # What has arrived by now is looked at first, or on a busy machine the next look would find it.
             self._listener.settle()
-            with self._lock:
-                if done():
-                    return True
+            if done():
+                return True
             if patience.is_over:
                 return False
             patience.pause(_LOOK_S)
 
     # -- from the bus's threads ------------------------------------------------------------------------
 
-    def _writer(self, topic: Topic, name: str, door: MessageDoor) -> Any:
+    def _on_message(self, topic: Topic, name: str, door: MessageDoor) -> Any:
         def write(info: MessageInfo) -> None:
-            now_ns = self._clock.now_ns()
+            now_ns = self._robot.clock.now_ns()
             refusal = door.refusal(info, now_ns)
             if refusal is not None:
                 self._refusals.count("message", refusal)
                 return
-            self._guard(
-                lambda: self._recorder.write_ros(
+            self._writer.write(
+                lambda recorder: recorder.write_ros(
                     name, topic.type, info.cdr, now_ns, info.source_time_ns, info.sequence
                 )
             )
-            if topic is topics.ODOM:
-                self._watch_for_holes(info, door.stamp_ns)
-            if topic.rate_hz is None:
-                return
-            with self._lock:
-                self._heard_ns[name] = door.stamp_ns
+            if topic is topics.ODOM and (span_s := self._odometry.stalled(door.stamp_ns, info.sequence)):
+                self.note({"event": STALLED, "from_s": span_s[0], "to_s": span_s[1]})
+            if topic.rate_hz is not None:
+                self._arrived.message(name, door.stamp_ns)
 
         return write
 
-    def _watch_for_holes(self, info: MessageInfo, stamp_ns: int) -> None:
-        # By the header: the source time of a ROS 2 robot is wall time, in a simulated lab too.
-        if self._last_odom is not None:
-            before_ns, before = self._last_odom
-            if (step_ns := stamp_ns - before_ns) > _HOLE_NS:
-                if info.sequence == before + 1:
-                    # None was lost: the robot said none. Whether it stood still, motion capture tells.
-                    self.note({"event": STALLED, "from_s": before_ns * 1e-9, "to_s": stamp_ns * 1e-9})
-                else:
-                    self._hole_ns = max(self._hole_ns, step_ns)
-        self._last_odom = stamp_ns, info.sequence
-
     def _on_statement(self, heard: Heard) -> None:
         statement = heard.statement
-        with self._lock:
-            if self._resumes and not self._open and len(self._early) < _MOST_EARLY:
+        with self._writer.lock:
+            if self._resumes and not self._writer.is_open and len(self._early) < _MOST_EARLY:
                 self._early.append(heard)
         # Motion capture speaks every second: part of the stream, nothing to save at once.
         urgent = not isinstance(statement, Motion)
-        written = self._guard(
-            lambda: self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation, urgent=urgent)
+        written = self._writer.write(
+            lambda recorder: recorder.write_json(ATTESTATION_CHANNEL, heard.attestation, urgent=urgent)
         )
         if isinstance(statement, Classification | Drop) and written:
-            us = self._recorder.recording, self._device.address.lower()
+            us = self._writer.recorder.recording, self._robot.device.address.lower()
             if any((one.recording, one.address.lower()) == us for one in statement.claimants):
                 if isinstance(statement, Drop):
                     self._pictures.fell(statement)
                 else:
                     self._pictures.want(statement)
-        if not isinstance(statement, Motion):
-            return
-        with self._lock:
-            self._motion_ns = max(self._motion_ns, statement.end_us * 1000)
-            if written:
-                own = self._recorder.recording
-                self._listed |= any(head.chain == own for head in statement.heads)
-                self._shown |= statement.tracks.keys()
+        if isinstance(statement, Motion):
+            self._arrived.motion(statement, self._writer.recorder.recording if written else None)
 
     def _on_picture(self, bin_name: str, cdr: bytes, time_ns: int) -> None:
         """A picture that the bin classified, as its camera encoded it."""
         self._pictures_written += 1
         number, type_ = self._pictures_written, topics.BIN_IMAGE.type
-        self._guard(
-            lambda: self._recorder.write_ros(
-                topics.BIN_IMAGE.name(bin=bin_name), type_, cdr, self._clock.now_ns(), time_ns, number
+        self._writer.write(
+            lambda recorder: recorder.write_ros(
+                topics.BIN_IMAGE.name(bin=bin_name), type_, cdr, self._robot.clock.now_ns(), time_ns, number
             )
         )
 
@@ -350,45 +318,31 @@ class Recording:
     def event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
         payload = event.model_dump(mode="json")
-        self._guard(lambda: self._recorder.write_json(EVENT_CHANNEL, payload))
+        self._writer.write(lambda recorder: recorder.write_json(EVENT_CHANNEL, payload))
 
     def note(self, payload: dict[str, Any]) -> None:
         """Something the agent wants on record. Of others' words in it what JSON lacks is written as text."""
-        self._guard(lambda: self._recorder.write_json(EVENT_CHANNEL, plain(payload)))
-
-    def _guard(self, write: Callable[[], None]) -> bool:
-        """Whether it was written. Writers run in the bus's threads: a failure is kept for `check`, which the
-        agent calls."""
-        with self._lock:
-            if self._failure is not None or not self._open:
-                return False
-            try:
-                write()
-            except EvidenceError as error:
-                log.error("recording failed: %s", error)
-                self._failure = error
-                return False
-            return True
+        self._writer.write(lambda recorder: recorder.write_json(EVENT_CHANNEL, plain(payload)))
 
     def check(self) -> None:
         """Raises what kept the recording from being written, EvidenceHole when messages were lost."""
-        if self._failure is not None:
-            raise self._failure
-        if self._hole_ns and not self._holes_allowed:
-            raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
+        if self._writer.failure is not None:
+            raise self._writer.failure
+        if self._odometry.hole_ns and not self._holes_allowed:
+            raise EvidenceHole("messages of the robot were lost", lost_s=self._odometry.hole_ns * 1e-9)
 
     def await_witness(self, item: str | None) -> None:
         """Wait until motion capture listed this recording and showed where `item` lies and the robot stands:
         what is moved before proves nothing. A robot that begins beside the item may grasp it without a drive.
         Raises NoAnswer; returns at once on a site without motion capture."""
-        patience = Patience(self._clock, _WITNESS_S)
-        while self._watches:
-            with self._lock:
-                listed, shown = self._listed, {item or self._robot, self._robot} <= self._shown
+        patience = Patience(self._robot.clock, _WITNESS_S)
+        while self._is_watched:
+            listed = self._arrived.is_listed
+            shown = self._arrived.shows({item or self._robot.name, self._robot.name})
             if listed and shown:
                 return
             patience.pause(_LOOK_S)
-            self._interrupts.check()
+            self._robot.interrupts.check()
             if not self._listener.answered:
                 # Motion capture may vouch for it all the time: nobody can be asked whether it is the one.
                 patience.renew()
@@ -404,11 +358,11 @@ class Recording:
     def await_motion(self, after_s: float, latest_s: float) -> bool:
         """Wait until motion capture told what it saw up to `after_s` (site time), no longer than until
         `latest_s`; whether it did. True at once on a site without motion capture."""
-        while self._watches and self._motion_ns < after_s * 1e9:
-            if (now_s := self._clock.now_s()) >= latest_s:
+        while self._is_watched and self._arrived.motion_ns < after_s * 1e9:
+            if (now_s := self._robot.clock.now_s()) >= latest_s:
                 return False
-            self._clock.wait_until(min(now_s + _LOOK_S, latest_s))
-            self._interrupts.check()
+            self._robot.clock.wait_until(min(now_s + _LOOK_S, latest_s))
+            self._robot.interrupts.check()
         return True
 
     def catch_up(self) -> None:
@@ -417,13 +371,13 @@ class Recording:
         On a busy machine a fast simulation is ahead of its recorder. A topic that fell silent is given up on
         after `_SILENT_WALL_S`; the oracle judges what is there.
         """
-        now_ns = self._clock.now_ns()
+        now_ns = self._robot.clock.now_ns()
 
         def written() -> bool:
-            if self._failure is not None:
+            if self._writer.failure is not None:
                 return True
-            seen = not self._watches or self._motion_ns >= now_ns
-            return seen and all(t >= now_ns for t in self._heard_ns.values())
+            seen = not self._is_watched or self._arrived.motion_ns >= now_ns
+            return seen and self._arrived.is_after(now_ns)
 
         if not self._await(written, _SILENT_WALL_S):
             log.warning("the recording misses messages from before the end of the work")
@@ -436,27 +390,25 @@ class Recording:
         left_out = self._refusals.summary()
         if left_out:
             self.note({"event": LEFT_OUT, "counts": left_out})
-        with self._lock:
-            if not self._open:
-                return
-            self._open = False  # what still arrives while the subscriptions go belongs to no task
+        if not self._writer.end():  # what still arrives while the subscriptions go belongs to no task
+            return
         self._close_inputs()
         try:
-            self._recorder.stop()
+            self._writer.recorder.stop()
         finally:
             self._seals.close()
 
     def seal(self) -> None:
         """Finish the recording for good, after `stop`."""
         self._finished = True
-        self._recorder.close()
+        self._writer.recorder.close()
 
     def suspend(self) -> None:
         """Let go of the file, to be sealed or gone on with; no effect on one that is sealed."""
         if not self._finished:
             self._finished = True
             self.stop()
-            self._recorder.suspend()
+            self._writer.recorder.suspend()
 
     def _close_inputs(self) -> None:
         self._listener.close()

@@ -223,7 +223,7 @@ def test_a_recording_begins_when_body_and_motion_capture_are_heard(
 
     def counted(recording: Recording, done: Callable[[], bool], limit_s: float) -> bool:
         def look() -> bool:
-            heard.append(len(recording._heard_ns))
+            heard.append(len(recording._arrived.names))
             return done()
 
         return waits(recording, look, limit_s)
@@ -330,7 +330,7 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
         session.recording.await_witness("item1")
     assert not caught.value.details["listed"]
     lab.lists_heads = True
-    until(lambda: session.recording._listed, lab.watch)
+    until(lambda: session.recording._arrived.is_listed, lab.watch)
     # A robot that was started again beside the item may grasp it before it moves its base.
     with pytest.raises(NoAnswer) as caught:
         session.recording.await_witness("item1")
@@ -351,7 +351,7 @@ def test_motion_capture_that_fell_silent_is_waited_for_until_it_tells_of_what_is
     lab.watch("item1")
     now_s = lab.clock.now_s()
     assert not session.recording.await_motion(now_s + 60.0, latest_s=now_s)
-    until(lambda: session.recording._motion_ns > now_s * 1e9, lab.watch)
+    until(lambda: session.recording._arrived.motion_ns > now_s * 1e9, lab.watch)
     assert session.recording.await_motion(now_s, latest_s=now_s)
     session.end()
 

@@ -372,12 +372,12 @@ def test_motion_capture_has_its_time_while_another_process_holds_the_clock(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     recording: Any = Recording.__new__(Recording)
-    recording._watches, recording._lock, recording._robot = True, threading.Lock(), "panther1"
-    recording._interrupts, recording._listener = Interrupts(), SimpleNamespace(answered=True)
-    recording._listed, recording._shown = False, {"item1", "panther1"}
-    clock = recording._clock = Held(monkeypatch)
-    clock.after = [lambda: None] * 8 + [lambda: setattr(recording, "_listed", True)]
+    clock, watched = Held(monkeypatch), SimpleNamespace(lab=SimpleNamespace(mocap=True))
+    recording._robot = SimpleNamespace(name="panther1", clock=clock, interrupts=Interrupts(), site=watched)
+    recording._listener = SimpleNamespace(answered=True)
+    arrived = recording._arrived = SimpleNamespace(is_listed=False, shows=lambda bodies: len(bodies) == 2)
+    clock.after = [lambda: None] * 8 + [lambda: setattr(arrived, "is_listed", True)]
     recording.await_witness("item1")
-    recording._listed, clock.step_s = False, 1.0
+    arrived.is_listed, clock.step_s = False, 1.0
     with pytest.raises(NoAnswer):
         recording.await_witness("item1")
