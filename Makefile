@@ -10,7 +10,7 @@ CHAIN ?= eth-tester
 # Test files that run at the same time: those of sites wait for processes, so three keep two cores busy.
 JOBS ?= 3
 
-.PHONY: help setup system node-packages demo test test-contracts test-python test-long symbolic check experiment bench lint docs release contracts clean
+.PHONY: help setup system node-packages demo lab test test-contracts test-python test-long symbolic check experiment bench lint docs release contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -53,6 +53,9 @@ system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chrom
 
 demo: $(SITE)  ## one cleaning task and one charging session, end to end
 	@$(BIN)/rodeo demo
+
+lab: $(DEV)  ## a lab without the simulator, on loopback: its devices speak NatNet, Modbus, MJPEG and ROS 2; until its work is paid
+	@$(BIN)/python -m tests.reallab
 
 # Python's and the contracts' tests side by side, and one line at the end.
 TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS)

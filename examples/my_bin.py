@@ -21,6 +21,8 @@ from rodeo.witness.witness import Witness
 
 
 class MyBin:
+    inputs = None  # "sensor", where the sensors are wired to this machine
+
     def __init__(self, process, name):
         site, self.process, self.bin = process.site, process, process.site.bin(name)
         self.todo, self.classifier = queue.SimpleQueue(), Classifier()  # one thread does all, in order
@@ -28,17 +30,21 @@ class MyBin:
         self.awaited, self.looked, self.view, self.seen_s = None, False, deque(maxlen=5), 0.0
         self.loads, self.weight = {one: deque(maxlen=10) for one in self.bin.compartments}, {}
         key, time = process.wait_account(f"{name}-device"), process.clock.now_ns
-        inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        inputs = self.inputs or ("closed_bus" if bus_is_closed(site) else "open_bus")
         self.witness = Witness(process.bus, site.org, name, key, process.data_dir, inputs, time, self.heard)
         DailyRoots(site, Participant(process.bus, site.org, ORGANIZATION), self.witness)
-        node = Node(process.bus.session, name, "", site.bus.domain_id, process.clock)
+        process.bus.serve(topics.BIN_STATE.name(org=site.org, bin=name), lambda _: self.last)
+        process.bus.serve(topics.BIN_PICTURE.name(org=site.org, bin=name), self.picture)
+        self.open_sensors()
+
+    def open_sensors(self):
+        name, process = self.bin.name, self.process
+        node = Node(process.bus.session, name, "", process.site.bus.domain_id, process.clock)
         self.trigger = node.client(topics.BIN_CAPTURE.name(bin=name), topics.BIN_CAPTURE.type)
         self.on(node, topics.BIN_PRESENCE, self.seen)
         self.on(node, topics.BIN_IMAGE, self.pictured)
         for one in self.bin.compartments:
             self.on(node, topics.BIN_LOAD, lambda m, t, one=one: self.weighed(one, m.wrench.force.z, t), one)
-        process.bus.serve(topics.BIN_STATE.name(org=site.org, bin=name), lambda _: self.last)
-        process.bus.serve(topics.BIN_PICTURE.name(org=site.org, bin=name), self.picture)
 
     def on(self, node, topic, do, compartment=""):  # `do` gets each message with its stamp in s of site time
         def queued(message, _info):
@@ -110,10 +116,10 @@ class MyBin:
         return {"sha256": wanted, "data_base64": base64.b64encode(self.pictures[wanted]).decode()}
 
 
-def run(site, name, stop):
+def run(site, name, stop, make=MyBin):
     with Process(bin_process(site, name), site, stop) as process:
         process.wait_clock()
-        mine = MyBin(process, name)
+        mine = make(process, name)
         while not stop.is_set():
             if mine.witness.chain is None or len(mine.weight) < len(mine.loads):
                 process.not_ready("waiting for the bridge and the load cells")

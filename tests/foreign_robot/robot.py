@@ -135,6 +135,7 @@ class Robot:
         self._told: tuple[float, float, float] | None = None
         """Where the lab was last told that the base is."""
         self.stopped = False
+        self.voltage_v, self.current_a, self.soc, self.capacity_ah = 41.0, -2.0, 0.9, 20.0
         self._time_s: float | None = None
         self._pace, self._moved_s = 1.0, 0.0
         """How fast its own time goes, and how much of it has passed."""
@@ -146,10 +147,15 @@ class Robot:
         spec.compiler.fusestatic = False
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
-        self._network = network = Network(arguments.port)
+        self._network = Network(arguments.port)
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._open_publishers()
         self._serve()
+        self._join_lab()
+
+    def _join_lab(self) -> None:
+        """Hear of the lab's time and item, and open what tells it of the robot."""
+        network = self._network
         self._entity = network.client("lab/set_entity_state", "simulation_interfaces/srv/SetEntityState")
         network.subscriber(f"mocap/{self._item_name}/pose", "geometry_msgs/msg/PoseStamped", self._on_item)
         network.subscriber("clock", "rosgraph_msgs/msg/Clock", self._inbox.put)
@@ -531,14 +537,14 @@ class Robot:
         nan = math.nan
         self._publishers["battery_state"].publish(
             header=self._header(now_s, f"{self._ns}/base_link"),
-            voltage=41.0,
+            voltage=self.voltage_v,
             temperature=nan,
-            current=-2.0,
-            charge=18.0,
-            capacity=20.0,
-            design_capacity=20.0,
-            percentage=0.9,
-            power_supply_status=2,
+            current=self.current_a,
+            charge=self.soc * self.capacity_ah,
+            capacity=self.capacity_ah,
+            design_capacity=self.capacity_ah,
+            percentage=self.soc,
+            power_supply_status=1 if self.current_a > 0 else 2,
             power_supply_health=1,
             power_supply_technology=2,
             present=True,

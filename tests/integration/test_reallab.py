@@ -1,0 +1,27 @@
+"""A lab without the simulator: real time, and a world that speaks NatNet, Modbus, MJPEG and ROS 2 alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from rodeo.site.processes import processes_of
+from rodeo.site.providers import SIMULATOR, devices
+from tests.support.reallab import RealLab
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealLab]:
+    with RealLab(tmp_path_factory.mktemp("reallab")) as lab:
+        yield lab
+
+
+def test_a_lab_without_the_simulator_pays_for_two_cleanings_and_a_charge(lab: RealLab) -> None:
+    assert {one.source for one in devices(lab.site)} == {"natnet", "ros2", "modbus"}
+    assert SIMULATOR not in {one.name for one in processes_of(lab.site)}
+    tasks = [lab.paid(lab.clean(item.id)) for item in lab.site.items]
+    assert {one["executor_name"] for one in tasks} == {lab.site.robots[0].name}
+    assert lab.paid(lab.charge())["kind"] == "battery_charging"

@@ -1,0 +1,168 @@
+"""The lab: one process that stands for its devices, and speaks nothing but their protocols.
+
+    motion capture         NatNet 4.1, or 3.0, by UDP
+    meter and contactor    Modbus TCP
+    load cells             Modbus TCP
+    camera                 MJPEG over HTTP
+    robot                  ROS 2 by rmw_zenoh, see tests/foreign_robot
+
+python tests/reallab/world.py WORLD.json; the file is described in tests/support/reallab.py. Lines of JSON on
+its input unplug devices, or make them lie.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from cells import Cells
+from motive import Motive
+from power import Power
+from robot import Robot
+from things import Things
+from video import Video
+
+from rodeo_testing.modbus import Panel
+
+TURN_S = 0.02
+
+
+class LabRobot(Robot):
+    """The robot in this world, by the machine's clock.
+
+    Args:
+        moved: called after each turn, when robot and items are where they are then.
+    """
+
+    def __init__(self, told: dict[str, Any], things: Things, moved: Callable[[], None]) -> None:
+        self._things, self._moved = things, moved
+        robot, name = told["robot"], next(iter(told["items"]))
+        item = told["items"][name]
+        super().__init__(
+            argparse.Namespace(
+                port=0,
+                namespace=robot["namespace"],
+                body=robot["name"],
+                urdf=robot["urdf"],
+                pose=robot["pose"],
+                item=name,
+                item_radius=item["radius_m"],
+                item_half_height=item["half_height_m"],
+            )
+        )
+        self.name, self.capacity_ah = robot["name"], told["battery"]["capacity_ah"]
+        self._hand = robot["hand"]
+        self._drawn_s = time.monotonic()
+        self._place()
+        self._pause = threading.Event()
+
+    def _join_lab(self) -> None:
+        """There is nobody who would have to be told."""
+
+    def _listen(self) -> float:
+        self._pause.wait(TURN_S)
+        while not self._inbox.empty():
+            self._begin(*self._inbox.get())
+        return time.time()
+
+    def _tell_the_lab(self) -> None:
+        things, now_s = self._things, time.time()
+        if self._let_go is not None:
+            things.let_go(self._item_name, *self._let_go)
+            self._let_go = None
+        elif self._in_hand is not None:
+            things.carry(self._item_name, *self._carried())
+        things.pass_until(now_s)
+        if self._in_hand is None:
+            grasp, _ = self._in_map("grasp")
+            self._look_at(things.nearest_item(float(grasp[0]), float(grasp[1])))
+        self._moved()
+
+    def _look_at(self, name: str) -> None:
+        item = self._things.items[name]
+        self._item_name, self._item = name, self._things.pose(name)
+        self._radius_m, self._half_height_m = item["radius_m"], item["half_height_m"]
+
+    def draw(self, power: Power) -> None:
+        """Take from the battery what this turn takes, and read its gauge."""
+        base = self.base
+        works = bool(base.legs) or self._trajectory is not None or self._grip is not None
+        now_s = time.monotonic()
+        power.flow(now_s - self._drawn_s, power.docked(base.x_m, base.y_m, base.yaw_rad), works)
+        self._drawn_s = now_s
+        self.voltage_v, self.current_a, self.soc = power.voltage_v, power.current_a, power.soc
+
+    def poses(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Of the markers on its base and on its gripper."""
+        half = self.base.yaw_rad / 2
+        base = (
+            np.array([self.base.x_m, self.base.y_m, 0.0]),
+            np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
+        )
+        place_m, turn = self._in_map(self._hand["link"])
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(turn).ravel())
+        return {self.name: base, self._hand["body"]: (place_m, quaternion)}
+
+
+class World:
+    def __init__(self, told: dict[str, Any]) -> None:
+        self._told = told
+        self._things = Things(told)
+        self._robot = LabRobot(told, self._things, self._look)
+        names = [*self._robot.poses(), *told["items"]]
+        self._poses: dict[str, Any] = {}
+        self._weights_n: list[float] = []
+        self._range_m = math.inf
+        self._shown: str | None = None
+        ports = told["ports"]
+        self.panel = Panel(ports["meter"])
+        self._power = Power(told, self.panel)
+        self._look()
+        self.motive = Motive(ports["natnet"], names, lambda: self._poses)
+        self.cells = Cells(ports["cells"], lambda: [self._range_m, *self._weights_n])
+        self.video = Video(ports["camera"], self._picture)
+
+    def _look(self) -> None:
+        """What the sensors see: replaced as a whole, for the threads that serve it."""
+        things = self._things
+        self._poses = {
+            **self._robot.poses(),
+            **{name: things.pose(name) for name in self._told["items"]},
+        }
+        self._weights_n = list(things.weights_n().values())
+        self._range_m, self._shown = things.nearest_m(), things.shown()
+        self._robot.draw(self._power)
+
+    def _picture(self) -> bytes:
+        shown = self._shown
+        told = self._told["nothing"] if shown is None else self._told["items"][shown]["picture"]
+        return Path(told).read_bytes()
+
+    def run(self) -> None:
+        threading.Thread(target=self._obey, daemon=True).start()
+        with self.panel:
+            print("the lab is there", flush=True)
+            self._robot.run()
+
+    def _obey(self) -> None:
+        for line in sys.stdin:
+            order = json.loads(line)
+            setattr(getattr(self, order["device"]), order["what"], order["value"])
+            print(f"done: {line.strip()}", flush=True)
+        # Nobody is there any more.
+        os._exit(0)
+
+
+if __name__ == "__main__":
+    World(json.loads(Path(sys.argv[1]).read_text())).run()

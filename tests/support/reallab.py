@@ -1,0 +1,275 @@
+"""The lab without the simulator (tests/reallab) as a running site: its world, its bin, the site's processes.
+
+The world gets no site file, but what a person would have measured: where the bin's compartments, its camera
+and the items are, in a file of JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Self
+
+from deploy.certificates import ensure_certificates
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
+from rodeo.host.instance import PARENT_VARIABLE
+from rodeo.lab.config import gripper_body
+from rodeo.lab.items import shape_of
+from rodeo.lab.layout import BinLayout, dock_parking
+from rodeo.lab.world import arm_model, robot_model
+from rodeo.site import tls, topics
+from rodeo.site.config import Site
+from rodeo.site.processes import processes_of
+from rodeo.site.topics import BODY
+from rodeo_testing.waiting import HANG_S, wait_until
+from services.robot_sim.camera import RENDERINGS
+from services.robot_sim.urdf import to_urdf
+from tests.support.site import RunningSite, free_port
+
+ROOT = Path(__file__).parents[2]
+REALLAB = ROOT / "deploy" / "sites" / "reallab.toml"
+PROGRAMS = ROOT / "tests" / "reallab"
+_PATHS = (ROOT, PROGRAMS, ROOT / "tests" / "foreign_robot", ROOT / "examples")
+PORTS = ("natnet", "meter", "cells", "camera")
+
+
+def write_reallab(folder: Path, ports: dict[str, int], extra: str = "") -> Path:
+    """The site of `deploy/sites/reallab.toml`, its devices on these ports of loopback."""
+    path = folder / "site.toml"
+    path.write_text(
+        f"""extends = {json.dumps(str(REALLAB))}
+data_dir = {json.dumps(str(folder / "data"))}
+chain.url = "http://127.0.0.1:{free_port()}"
+console.port = {free_port()}
+bus.router = "tls/127.0.0.1:{free_port()}"
+mocap.settings = {{ local = "127.0.0.1", command_port = {ports["natnet"]} }}
+{extra}
+[[docks]]
+name = "dock1"
+pose = {{ x_m = 3.0, y_m = 4.8, yaw_rad = -1.5708 }}
+meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", model = "sdm120" }}
+"""
+    )
+    return path
+
+
+def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
+    """What the world is told."""
+    bin_ = BinLayout(site.bins[0])
+    config, robot, dock = bin_.config, site.robots[0], site.docks[0]
+    battery, parking = robot.battery, dock_parking(dock)
+    half_m = [size / 2 for size in config.compartment_size_m]
+    items = {}
+    for item in site.items:
+        half_x, _, half_z = shape_of(item).half_m
+        items[item.id] = {
+            "x_m": item.pose.x_m, "y_m": item.pose.y_m, "yaw_rad": item.pose.yaw_rad,
+            "radius_m": half_x, "half_height_m": half_z, "mass_kg": item.mass_kg,
+            "picture": str(RENDERINGS / f"{item.item_class}_{item.shape}.jpg"),
+        }  # fmt: skip
+    return {
+        "ports": ports,
+        "nothing": str(RENDERINGS / "empty.jpg"),
+        "items": items,
+        "bin": {
+            "yaw_rad": config.pose.yaw_rad,
+            "camera_m": bin_.camera,
+            "show_m": bin_.show_point,
+            "compartments": {
+                name: dict(zip(("x_m", "y_m", "rim_m"), bin_.compartment(name), strict=True))
+                | {"half_m": half_m}
+                for name in config.compartments
+            },
+        },
+        "battery": {
+            "capacity_ah": battery.capacity_ah,
+            "resistance_ohm": battery.resistance_ohm,
+            "idle_w": battery.idle_power_w,
+            "soc": battery.soc,
+        },
+        "dock": {
+            "x_m": parking.x_m,
+            "y_m": parking.y_m,
+            "yaw_rad": parking.yaw_rad,
+            "near_m": dock.contact_tolerance_m,
+            "near_rad": dock.contact_tolerance_rad,
+            "voltage_v": dock.voltage_v,
+            "current_a": dock.current_a,
+        },
+        "robot": {
+            "name": robot.name,
+            "namespace": robot.namespace,
+            "urdf": str(urdf),
+            "hand": {"body": gripper_body(robot.name), "link": arm_model(robot.kinematics).hand},
+            "pose": [robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad],
+        },
+    }
+
+
+class RealLab:
+    """A running lab. Use as a context manager."""
+
+    def __init__(self, folder: Path, extra: str = "") -> None:
+        self.ports = {name: free_port() for name in PORTS}
+        self.running = RunningSite(write_reallab(folder, self.ports, extra))
+        self.site = self.running.site
+        urdf = folder / "arthur.urdf"
+        urdf.write_text(to_urdf(robot_model(), self.site.robots[0].name))
+        self._world_file = folder / "world.json"
+        self._world_file.write_text(json.dumps(measured(self.site, self.ports, urdf)))
+        self._logs = self.site.data_dir / "logs"
+        self._logs.mkdir(parents=True, exist_ok=True)
+        self._world: subprocess.Popen[bytes] | None = None
+        self.events: list[DaoEvent] = []
+        self._changed = threading.Condition()
+        self._heard: DaoEvents | None = None
+
+    def __enter__(self) -> Self:
+        ensure_certificates(self.site)
+        try:
+            self.running.start_founded("bridge", ready=False)
+            self._start_world()
+            self._start_bin()
+            others = [one.name for one in processes_of(self.site)]
+            left = [one for one in others if one not in self.running.children]
+            self.running.start(*left, ready=False)
+            self.running.wait_ready(*others)
+            self._heard = DaoEvents(self.running.bus, self.site.org, self._on_event)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._heard is not None:
+            self._heard.close()
+        if self._world is not None:
+            self._world.kill()
+            self._world.wait()
+        self.running.stop()
+
+    def _environment(self, **more: str) -> dict[str, str]:
+        return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _PATHS)), **more}
+
+    def _program(self, name: str, *words: str, log: str, env: dict[str, str]) -> subprocess.Popen[bytes]:
+        with (self._logs / f"{log}.log").open("ab") as output:
+            return subprocess.Popen(
+                [sys.executable, str(PROGRAMS / name), *words],
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=env,
+            )
+
+    def _start_world(self) -> None:
+        shown = tls.identity(self.site, f"{BODY}.{self.site.robots[0].name}")
+        assert shown is not None
+        settings = {
+            "mode": "client",
+            "connect/endpoints": [self.site.bus.router],
+            **{f"transport/link/tls/{key}": value for key, value in shown.zenoh().items()},
+        }
+        override = ";".join(f"{key}={json.dumps(value)}" for key, value in settings.items())
+        env = self._environment(ZENOH_CONFIG_OVERRIDE=override)
+        env.pop(PARENT_VARIABLE, None)
+        self.running.wait_ready("router")
+        self._world = self._program("world.py", str(self._world_file), log="world", env=env)
+        wait_until(lambda: "the lab is there" in self.log("world"), lambda: self.log("world"))
+
+    def _start_bin(self) -> None:
+        env = self._environment(
+            LAB_CELLS=str(self.ports["cells"]),
+            LAB_CAMERA=f"http://127.0.0.1:{self.ports['camera']}/",
+            **{PARENT_VARIABLE: str(os.getpid())},
+        )
+        name = self.site.bins[0].name
+        program = self._program("lab_bin.py", "--site", str(self.running.path), log=name, env=env)
+        self.running.children[name] = program
+
+    def log(self, name: str) -> str:
+        return self.running.log(name)
+
+    # -- what people do ------------------------------------------------------------------------------------
+
+    def order(self, device: str, what: str, value: Any) -> None:
+        """Set something of a device of the world."""
+        assert self._world is not None and self._world.stdin is not None
+        line = json.dumps({"device": device, "what": what, "value": value})
+        self._world.stdin.write(line.encode() + b"\n")
+        self._world.stdin.flush()
+        wait_until(lambda: f"done: {line}" in self.log("world"))
+
+    def clean(self, item_id: str) -> int:
+        """Post the task to clean an item away; its number."""
+        pose = next(one.pose for one in self.site.items if one.id == item_id)
+        params = {"item_id": item_id, "x_m": pose.x_m, "y_m": pose.y_m}
+        request = {"kind": "waste_disposal", "reward_iec": "100", "params": params}
+        key = f"rodeo/{self.site.org}/wallet/organization/register_task"
+        return int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
+
+    def charge(self) -> int:
+        """Order the robot to the dock; the number of the charge that it buys."""
+        posted = {one.task_id for one in self.events}
+        robot = self.site.robots[0].name
+        key = topics.ROBOT_ORDER.name(org=self.site.org, robot=robot, order="charge")
+        self.running.bus.query(key, timeout_s=HANG_S)
+        with self._changed:
+            self._changed.wait_for(lambda: any(one.task_id not in posted for one in self.events), HANG_S)
+            return next(int(one.task_id or 0) for one in self.events if one.task_id not in posted)
+
+    def task(self, task_id: int) -> dict[str, Any]:
+        return self.running.bus.query(f"rodeo/{self.site.org}/state/task/{task_id}")
+
+    def _on_event(self, event: DaoEvent) -> None:
+        with self._changed:
+            self.events.append(event)
+            self._changed.notify_all()
+
+    def wait_for(self, task_id: int, *names: str, timeout_s: float = HANG_S) -> DaoEvent:
+        """The first of these events of the task."""
+
+        def found() -> DaoEvent | None:
+            return next((one for one in self.events if one.task_id == task_id and one.name in names), None)
+
+        with self._changed:
+            self._changed.wait_for(found, timeout_s)
+            event = found()
+        assert event is not None, self.story(task_id)
+        return event
+
+    def paid(self, task_id: int) -> dict[str, Any]:
+        """The task once it is paid, at its first attempt."""
+        ended = self.wait_for(task_id, "TaskSettled", "TaskRequeued", "TaskFailed")
+        settled = self.task(task_id)
+        right = ended.name == "TaskSettled" and (settled["verdict"], settled["attempt"]) == ("accepted", 1)
+        assert right, self.story(task_id)
+        return settled
+
+    def story(self, task_id: int) -> str:
+        """What a person would read of a task that did not end as it should."""
+        told = [(one.name, one.task_id) for one in self.events]
+        names = ("robot_agent", "oracle", "mocap", "itrash", "charger", "world")
+        logs = (f"{name}:\n{self.log(name)}" for name in names)
+        return "\n".join([str(told), str(self.task(task_id)), *logs])
+
+
+def run(folder: Path) -> None:
+    """`make lab`: start it, have an item cleaned away, and say what came of it."""
+    begun_s = time.monotonic()
+    with RealLab(folder) as lab:
+        names = ", ".join(sorted(one.name for one in processes_of(lab.site)))
+        print(f"The lab runs after {time.monotonic() - begun_s:.0f} s: {names}", flush=True)
+        for item in lab.site.items:
+            since_s = time.monotonic()
+            lab.paid(lab.clean(item.id))
+            print(f"{item.id} is cleaned away and paid after {time.monotonic() - since_s:.0f} s", flush=True)
+        since_s = time.monotonic()
+        lab.paid(lab.charge())
+        print(f"The robot is charged, and the dock is paid after {time.monotonic() - since_s:.0f} s")
