@@ -63,6 +63,7 @@ class Base:
     def __init__(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         self.x_m, self.y_m, self.yaw_rad = x_m, y_m, yaw_rad
         self.speed_m_s, self.turn_rad_s, self.way_m = 0.0, 0.0, 0.0
+        self.fastest_m_s, self.fastest_rad_s = SPEED_M_S, TURN_RAD_S
         self.legs: list[tuple[Any, ...]] = []
         self._parked = False
 
@@ -93,7 +94,7 @@ class Base:
             self.speed_m_s = 0.0
             error = wrap(target[0] - self.yaw_rad)
             step = math.copysign(
-                self._ramp(self.turn_rad_s, TURN_RAD_S, TURN_UP_RAD_S2, abs(error), dt_s), error
+                self._ramp(self.turn_rad_s, self.fastest_rad_s, TURN_UP_RAD_S2, abs(error), dt_s), error
             )
             self.yaw_rad, self.turn_rad_s = wrap(self.yaw_rad + step), step / dt_s
             if abs(error) - abs(step) < 1e-6:
@@ -102,7 +103,7 @@ class Base:
             return
         x_m, y_m, sign = target
         left_m = math.dist((self.x_m, self.y_m), (x_m, y_m))
-        step = self._ramp(self.speed_m_s, SPEED_M_S, SPEED_UP_M_S2, left_m, dt_s)
+        step = self._ramp(self.speed_m_s, self.fastest_m_s, SPEED_UP_M_S2, left_m, dt_s)
         if left_m > 0:
             self.x_m += (x_m - self.x_m) / left_m * step
             self.y_m += (y_m - self.y_m) / left_m * step

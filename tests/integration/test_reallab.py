@@ -22,6 +22,6 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealLab]:
 def test_a_lab_without_the_simulator_pays_for_two_cleanings_and_a_charge(lab: RealLab) -> None:
     assert {one.source for one in devices(lab.site)} == {"natnet", "ros2", "modbus"}
     assert SIMULATOR not in {one.name for one in processes_of(lab.site)}
-    tasks = [lab.paid(lab.clean(item.id)) for item in lab.site.items]
-    assert {one["executor_name"] for one in tasks} == {lab.site.robots[0].name}
+    tasks = [lab.clean(item.id) for item in lab.site.items]
+    assert {lab.paid(one)["executor_name"] for one in tasks} == {lab.site.robots[0].name}
     assert lab.paid(lab.charge())["kind"] == "battery_charging"

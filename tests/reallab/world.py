@@ -35,6 +35,8 @@ from video import Video
 from rodeo_testing.modbus import Panel
 
 TURN_S = 0.02
+FASTEST_M_S, FASTEST_RAD_S = 0.7, 0.9
+"""As the robot's owner allows it indoors: its work takes wall time."""
 
 
 class LabRobot(Robot):
@@ -62,6 +64,7 @@ class LabRobot(Robot):
         )
         self.name, self.capacity_ah = robot["name"], told["battery"]["capacity_ah"]
         self._hand = robot["hand"]
+        self.base.fastest_m_s, self.base.fastest_rad_s = FASTEST_M_S, FASTEST_RAD_S
         self._drawn_s = time.monotonic()
         self._place()
         self._pause = threading.Event()

@@ -52,7 +52,7 @@ mocap.settings = {{ local = "127.0.0.1", command_port = {ports["natnet"]} }}
 {extra}
 [[docks]]
 name = "dock1"
-pose = {{ x_m = 3.0, y_m = 4.8, yaw_rad = -1.5708 }}
+pose = {{ x_m = 3.8, y_m = 4.8, yaw_rad = -1.5708 }}
 meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", model = "sdm120" }}
 """
     )
@@ -266,10 +266,10 @@ def run(folder: Path) -> None:
     with RealLab(folder) as lab:
         names = ", ".join(sorted(one.name for one in processes_of(lab.site)))
         print(f"The lab runs after {time.monotonic() - begun_s:.0f} s: {names}", flush=True)
-        for item in lab.site.items:
-            since_s = time.monotonic()
-            lab.paid(lab.clean(item.id))
-            print(f"{item.id} is cleaned away and paid after {time.monotonic() - since_s:.0f} s", flush=True)
+        since_s = time.monotonic()
+        for task in [lab.clean(item.id) for item in lab.site.items]:
+            item = lab.paid(task)["params"]["item_id"]
+            print(f"{item} is cleaned away and paid after {time.monotonic() - since_s:.0f} s", flush=True)
         since_s = time.monotonic()
         lab.paid(lab.charge())
         print(f"The robot is charged, and the dock is paid after {time.monotonic() - since_s:.0f} s")
