@@ -31,6 +31,7 @@ AREAS = (
     "faults",
     "console",
     "outside",
+    "lab",
     "cli",
     "extras",
 )

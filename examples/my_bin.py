@@ -46,6 +46,11 @@ class MyBin:
         for one in self.bin.compartments:
             self.on(node, topics.BIN_LOAD, lambda m, t, one=one: self.weighed(one, m.wrench.force.z, t), one)
 
+    def missing(self):
+        if self.witness.chain is None or len(self.weight) < len(self.loads):
+            return "the bridge and the load cells"
+        return ""
+
     def on(self, node, topic, do, compartment=""):  # `do` gets each message with its stamp in s of site time
         def queued(message, _info):
             stamp_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
@@ -121,8 +126,8 @@ def run(site, name, stop, make=MyBin):
         process.wait_clock()
         mine = make(process, name)
         while not stop.is_set():
-            if mine.witness.chain is None or len(mine.weight) < len(mine.loads):
-                process.not_ready("waiting for the bridge and the load cells")
+            if missing := mine.missing():
+                process.not_ready(f"waiting for {missing}")
             else:
                 process.ready()
             try:

@@ -138,6 +138,8 @@ class Robot:
         self.stopped = False
         self.voltage_v, self.current_a, self.soc, self.capacity_ah = 41.0, -2.0, 0.9, 20.0
         self._time_s: float | None = None
+        self.stamps_ahead_s, self.odometry_share = 0.0, 1.0
+        """By how much its clock is off, and what its odometry shows of the way."""
         self._pace, self._moved_s = 1.0, 0.0
         """How fast its own time goes, and how much of it has passed."""
         self._tick = 0
@@ -437,7 +439,7 @@ class Robot:
 
     def _header(self, time_s: float, frame: str) -> Any:
         new = self._network.new
-        nanoseconds = round(time_s * 1e9)
+        nanoseconds = round((time_s + self.stamps_ahead_s) * 1e9)
         stamp = new("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         return new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
@@ -483,10 +485,12 @@ class Robot:
     def _publish_odometry(self, now_s: float) -> None:
         new, base = self._network.new, self.base
         half = base.yaw_rad / 2
+        share = self.odometry_share
         pose = self._pose(
-            np.array([base.x_m, base.y_m, 0.0]), np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+            np.array([share * base.x_m, share * base.y_m, 0.0]),
+            np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
         )
-        linear = new("geometry_msgs/msg/Vector3", x=base.speed_m_s * self._pace, y=0.0, z=0.0)
+        linear = new("geometry_msgs/msg/Vector3", x=share * base.speed_m_s * self._pace, y=0.0, z=0.0)
         angular = new("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=base.turn_rad_s * self._pace)
         twist = new("geometry_msgs/msg/Twist", linear=linear, angular=angular)
         self._publishers["odom"].publish(

@@ -24,7 +24,10 @@ class Cells:
 
     def __init__(self, port: int, values: Callable[[], list[float]]) -> None:
         self._port, self._values = port, values
-        self.plugged = True
+        self.frozen = False
+        self.share = 1.0
+        """Of the weights that it shows."""
+        self._last: list[float] = []
         bits = [SimData(0, count=16, values=False, datatype=DataType.BITS)]
         words = [SimData(0, count=_REGISTERS, datatype=DataType.REGISTERS)]
         device = SimDevice(UNIT, simdata=(list(bits), list(bits), list(words), words), action=self._answer)
@@ -37,6 +40,9 @@ class Cells:
     async def _answer(
         self, _function: int, start: int, address: int, count: int, registers: list[int], _values: Any
     ) -> None:
-        said = b"".join(struct.pack(">f", value) for value in self._values())
+        if not self.frozen or not self._last:
+            range_m, *weights_n = self._values()
+            self._last = [range_m, *(self.share * one for one in weights_n)]
+        said = b"".join(struct.pack(">f", value) for value in self._last)
         words = struct.unpack(f">{len(said) // 2}H", said)
         registers[: len(words)] = words

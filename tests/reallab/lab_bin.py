@@ -24,6 +24,8 @@ from rodeo.site.names import bin_process
 PERIOD_S = 0.1
 _CELLS_UNIT = 1
 _PATIENCE_S = 5.0
+_FROZEN_S = 3.0
+"""No two pictures of a real sensor are equal."""
 
 
 class Camera:
@@ -32,8 +34,19 @@ class Camera:
     def __init__(self, address: str, now_s: Any) -> None:
         self._address, self._now_s = address, now_s
         self._taken: tuple[float, bytes] | None = None
+        self._last = b""
+        self._heard_s = self._changed_s = now_s()
         self._came = threading.Condition()
         threading.Thread(target=self._run, daemon=True).start()
+
+    @property
+    def problem(self) -> str:
+        """Why what it shows is not what is in front of it."""
+        if self._now_s() - self._heard_s > _PATIENCE_S:
+            return f"pictures from the camera {self._address}"
+        if self._now_s() - self._changed_s > _FROZEN_S:
+            return f"the camera {self._address}, which shows the same picture again and again"
+        return ""
 
     def picture(self) -> tuple[float, bytes] | None:
         """One that comes from now on; None if none comes in time."""
@@ -58,6 +71,9 @@ class Camera:
                 size = int(line.split(b":")[1])
             elif size and not line.strip():
                 data, size = stream.read(size), 0
+                self._heard_s = self._now_s()
+                if data != self._last:
+                    self._last, self._changed_s = data, self._heard_s
                 with self._came:
                     self._taken = self._now_s(), data
                     self._came.notify_all()
@@ -71,6 +87,9 @@ class LabBin(MyBin):
         self._camera = Camera(os.environ["LAB_CAMERA"], self.process.clock.now_s)
         self._cells = ModbusTcpClient("127.0.0.1", port=int(os.environ["LAB_CELLS"]), timeout=1, retries=0)
         threading.Thread(target=self._measure, daemon=True).start()
+
+    def missing(self) -> str:
+        return super().missing() or self._camera.problem
 
     def call(self, _request: Any, timeout_s: float) -> None:
         """Take a picture of what is shown."""

@@ -54,6 +54,9 @@ class Motive:
         self.ahead_s = ahead_s
         self.plugged = True
         """Whether anything comes in or goes out."""
+        self.frozen = False
+        """Whether it sends the last frame again and again."""
+        self._last = b""
         self._clients: dict[tuple[str, int], float] = {}
         self._count = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -86,7 +89,7 @@ class Motive:
             pause.wait(next_s - time.monotonic())
             if not self.plugged:
                 continue
-            frame = self._frame(self._poses())
+            frame = self._last = self._last if self.frozen else self._frame(self._poses())
             for client, asked_s in list(self._clients.items()):
                 if time.monotonic() - asked_s < _AWAKE_S:
                     self._send(FRAME, frame, client)

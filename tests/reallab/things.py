@@ -86,6 +86,12 @@ class Things:
         self._put(item, position_m, quaternion)
         self.held = None
 
+    def lay(self, item: str) -> None:
+        """A person puts it back to where it lay at first."""
+        told = self.items[item]
+        place_m = np.array([told["x_m"], told["y_m"], told["half_height_m"]])
+        self._put(item, place_m, np.array(_quaternion(told["yaw_rad"])))
+
     def _put(self, item: str, position_m: np.ndarray, quaternion: np.ndarray) -> None:
         joint = int(self.model.body(item).jntadr[0])
         at, speed = int(self.model.jnt_qposadr[joint]), int(self.model.jnt_dofadr[joint])

@@ -16,6 +16,7 @@ import argparse
 import json
 import math
 import os
+import queue
 import sys
 import threading
 import time
@@ -25,6 +26,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from cable import Cable
 from cells import Cells
 from motive import Motive
 from power import Power
@@ -119,52 +121,68 @@ class LabRobot(Robot):
 
 
 class World:
+    """All devices, and what a person does with them: see `orders`."""
+
     def __init__(self, told: dict[str, Any]) -> None:
         self._told = told
-        self._things = Things(told)
-        self._robot = LabRobot(told, self._things, self._look)
-        names = [*self._robot.poses(), *told["items"]]
+        self.orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        """`device`, and `what` of it to set to which `value`; or an item that is to be laid back."""
+        self.things = Things(told)
+        outside, inside = told["ports"], told["inside"]
+        # The robot's first: it connects at once.
+        for name in inside:
+            setattr(self, f"{name}_cable", Cable(outside[name], inside[name]))
+        self.robot = LabRobot(told, self.things, self._turn)
         self._poses: dict[str, Any] = {}
         self._weights_n: list[float] = []
         self._range_m = math.inf
         self._shown: str | None = None
-        ports = told["ports"]
-        self.panel = Panel(ports["meter"])
-        self._power = Power(told, self.panel)
+        self.panel = Panel(inside["meter"])
+        self.power = Power(told, self.panel)
         self._look()
-        self.motive = Motive(ports["natnet"], names, lambda: self._poses)
-        self.cells = Cells(ports["cells"], lambda: [self._range_m, *self._weights_n])
-        self.video = Video(ports["camera"], self._picture)
+        self.motive = Motive(outside["natnet"], list(self._poses), lambda: self._poses)
+        self.cells = Cells(inside["cells"], lambda: [self._range_m, *self._weights_n])
+        self.video = Video(inside["camera"], self._picture)
+
+    def _turn(self) -> None:
+        """After each of the robot's."""
+        while not self.orders.empty():
+            self._obey(self.orders.get())
+        self._look()
 
     def _look(self) -> None:
         """What the sensors see: replaced as a whole, for the threads that serve it."""
-        things = self._things
-        self._poses = {
-            **self._robot.poses(),
-            **{name: things.pose(name) for name in self._told["items"]},
-        }
+        things = self.things
+        self._poses = {**self.robot.poses(), **{name: things.pose(name) for name in things.items}}
         self._weights_n = list(things.weights_n().values())
         self._range_m, self._shown = things.nearest_m(), things.shown()
-        self._robot.draw(self._power)
+        self.robot.draw(self.power)
 
     def _picture(self) -> bytes:
         shown = self._shown
         told = self._told["nothing"] if shown is None else self._told["items"][shown]["picture"]
         return Path(told).read_bytes()
 
-    def run(self) -> None:
-        threading.Thread(target=self._obey, daemon=True).start()
-        with self.panel:
-            print("the lab is there", flush=True)
-            self._robot.run()
+    def _obey(self, order: dict[str, Any]) -> None:
+        if (item := order["device"]) in self.things.items:
+            self.things.lay(item)
+        else:
+            device = getattr(self, order["device"])
+            assert hasattr(device, order["what"]), order
+            setattr(device, order["what"], order["value"])
+        print(f"done: {order['number']}", flush=True)
 
-    def _obey(self) -> None:
+    def listen(self) -> None:
         for line in sys.stdin:
-            order = json.loads(line)
-            setattr(getattr(self, order["device"]), order["what"], order["value"])
-            print(f"done: {line.strip()}", flush=True)
+            self.orders.put(json.loads(line))
         # Nobody is there any more.
         os._exit(0)
+
+    def run(self) -> None:
+        threading.Thread(target=self.listen, daemon=True).start()
+        with self.panel:
+            print("the lab is there", flush=True)
+            self.robot.run()
 
 
 if __name__ == "__main__":

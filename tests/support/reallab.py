@@ -12,12 +12,15 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
 from deploy.certificates import ensure_certificates
-from rodeo.bus.messages import DaoEvent
+from rodeo.bus.messages import DaoEvent, Status
 from rodeo.bus.session import DaoEvents
+from rodeo.errors import BusError
 from rodeo.host.instance import PARENT_VARIABLE
 from rodeo.lab.config import gripper_body
 from rodeo.lab.items import shape_of
@@ -25,6 +28,7 @@ from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.lab.world import arm_model, robot_model
 from rodeo.site import tls, topics
 from rodeo.site.config import Site
+from rodeo.site.minds import AGENT
 from rodeo.site.processes import processes_of
 from rodeo.site.topics import BODY
 from rodeo_testing.waiting import HANG_S, wait_until
@@ -36,7 +40,10 @@ ROOT = Path(__file__).parents[2]
 REALLAB = ROOT / "deploy" / "sites" / "reallab.toml"
 PROGRAMS = ROOT / "tests" / "reallab"
 _PATHS = (ROOT, PROGRAMS, ROOT / "tests" / "foreign_robot", ROOT / "examples")
-PORTS = ("natnet", "meter", "cells", "camera")
+PORTS = ("natnet", "meter", "cells", "camera", "robot")
+SPEAKERS = (AGENT, "oracle", "charger")
+CABLES = ("meter", "cells", "camera")
+"""Devices on TCP whose cables can be pulled. The robot's is between it and the router."""
 
 
 def write_reallab(folder: Path, ports: dict[str, int], extra: str = "") -> Path:
@@ -112,6 +119,13 @@ def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
     }
 
 
+ENDS = ("TaskSettled", "TaskRequeued", "TaskFailed")
+
+
+def _port(endpoint: str) -> int:
+    return int(endpoint.rpartition(":")[2])
+
+
 class RealLab:
     """A running lab. Use as a context manager."""
 
@@ -122,7 +136,10 @@ class RealLab:
         urdf = folder / "arthur.urdf"
         urdf.write_text(to_urdf(robot_model(), self.site.robots[0].name))
         self._world_file = folder / "world.json"
-        self._world_file.write_text(json.dumps(measured(self.site, self.ports, urdf)))
+        inside = {name: free_port() for name in CABLES} | {"robot": _port(self.site.bus.router)}
+        told = measured(self.site, self.ports, urdf) | {"inside": inside}
+        self._world_file.write_text(json.dumps(told))
+        self._orders = 0
         self._logs = self.site.data_dir / "logs"
         self._logs.mkdir(parents=True, exist_ok=True)
         self._world: subprocess.Popen[bytes] | None = None
@@ -173,7 +190,7 @@ class RealLab:
         assert shown is not None
         settings = {
             "mode": "client",
-            "connect/endpoints": [self.site.bus.router],
+            "connect/endpoints": [f"tls/127.0.0.1:{self.ports['robot']}"],
             **{f"transport/link/tls/{key}": value for key, value in shown.zenoh().items()},
         }
         override = ";".join(f"{key}={json.dumps(value)}" for key, value in settings.items())
@@ -183,8 +200,9 @@ class RealLab:
         self._world = self._program("world.py", str(self._world_file), log="world", env=env)
         wait_until(lambda: "the lab is there" in self.log("world"), lambda: self.log("world"))
 
-    def _start_bin(self) -> None:
+    def _start_bin(self, **more: str) -> None:
         env = self._environment(
+            **more,
             LAB_CELLS=str(self.ports["cells"]),
             LAB_CAMERA=f"http://127.0.0.1:{self.ports['camera']}/",
             **{PARENT_VARIABLE: str(os.getpid())},
@@ -196,21 +214,51 @@ class RealLab:
     def log(self, name: str) -> str:
         return self.running.log(name)
 
+    @contextmanager
+    def clock_ahead(self, process: str, ahead_s: float) -> Iterator[None]:
+        """The computer of a process has another time; it is started again for that."""
+        late = {"LAB_CLOCK_AHEAD_S": str(ahead_s)}
+        self._restart(process, late)
+        try:
+            yield
+        finally:
+            self._restart(process, {})
+            self.running.wait_ready(process)
+
+    def _restart(self, name: str, more: dict[str, str]) -> None:
+        self.running.kill(name)
+        path = os.pathsep.join([str(PROGRAMS / "late")] * bool(more) + [str(one) for one in _PATHS])
+        if name == self.site.bins[0].name:
+            self._start_bin(**more, PYTHONPATH=path)
+            return
+        entry = next(one for one in processes_of(self.site) if one.name == name)
+        with (self._logs / f"{name}.log").open("ab") as output:
+            self.running.children[name] = subprocess.Popen(
+                [sys.executable, "-m", entry.module, "--site", str(self.running.path), *entry.arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={**os.environ, **more, "PYTHONPATH": path, PARENT_VARIABLE: str(os.getpid())},
+            )
+
     # -- what people do ------------------------------------------------------------------------------------
 
-    def order(self, device: str, what: str, value: Any) -> None:
-        """Set something of a device of the world."""
+    def order(self, device: str, what: str = "", value: Any = None) -> None:
+        """Set something of a device of the world, or have an item laid back to its place."""
         assert self._world is not None and self._world.stdin is not None
-        line = json.dumps({"device": device, "what": what, "value": value})
-        self._world.stdin.write(line.encode() + b"\n")
+        self._orders += 1
+        number = self._orders
+        order = {"number": number, "device": device, "what": what, "value": value}
+        self._world.stdin.write(json.dumps(order).encode() + b"\n")
         self._world.stdin.flush()
-        wait_until(lambda: f"done: {line}" in self.log("world"))
+        wait_until(lambda: f"done: {number}\n" in self.log("world"), lambda: self.log("world"))
 
     def clean(self, item_id: str) -> int:
         """Post the task to clean an item away; its number."""
         pose = next(one.pose for one in self.site.items if one.id == item_id)
         params = {"item_id": item_id, "x_m": pose.x_m, "y_m": pose.y_m}
-        request = {"kind": "waste_disposal", "reward_iec": "100", "params": params}
+        request = {"kind": "waste_disposal", "reward_iec": "100", "params": params, "max_attempts": 1}
         key = f"rodeo/{self.site.org}/wallet/organization/register_task"
         return int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
 
@@ -224,6 +272,29 @@ class RealLab:
             self._changed.wait_for(lambda: any(one.task_id not in posted for one in self.events), HANG_S)
             return next(int(one.task_id or 0) for one in self.events if one.task_id not in posted)
 
+    def tidy(self) -> None:
+        """Put the items back, and leave the battery room for a charge, while the robot has nothing to do."""
+        assert self.sees(AGENT, lambda status: status.ready and "idle" in status.activity, HANG_S)
+        for item in self.site.items:
+            self.order(item.id)
+        self.order("power", "soc", 0.55)
+
+    def sees(self, process: str, holds: Callable[[Status], bool], limit_s: float) -> bool:
+        """Whether this holds for the status of the process within the time."""
+        key, pause = topics.STATUS.name(org=self.site.org, process=process), threading.Event()
+        deadline_s = time.monotonic() + limit_s
+        while time.monotonic() < deadline_s:
+            with suppress(BusError):
+                if holds(Status.model_validate(self.running.bus.query(key))):
+                    return True
+            pause.wait(0.3)
+        return False
+
+    def said(self, task_id: int) -> str:
+        """What the processes say of a task, for people."""
+        lines = (line for name in SPEAKERS for line in self.running.log(name, 20_000).splitlines())
+        return "\n".join(line for line in lines if f"task {task_id}" in line or f"task-{task_id}" in line)
+
     def task(self, task_id: int) -> dict[str, Any]:
         return self.running.bus.query(f"rodeo/{self.site.org}/state/task/{task_id}")
 
@@ -232,31 +303,31 @@ class RealLab:
             self.events.append(event)
             self._changed.notify_all()
 
-    def wait_for(self, task_id: int, *names: str, timeout_s: float = HANG_S) -> DaoEvent:
-        """The first of these events of the task."""
+    def ended(self, task_id: int, limit_s: float = HANG_S) -> DaoEvent | None:
+        """The event with which the task ended; None if none comes in time."""
 
         def found() -> DaoEvent | None:
-            return next((one for one in self.events if one.task_id == task_id and one.name in names), None)
+            return next((one for one in self.events if one.task_id == task_id and one.name in ENDS), None)
 
         with self._changed:
-            self._changed.wait_for(found, timeout_s)
-            event = found()
-        assert event is not None, self.story(task_id)
-        return event
+            self._changed.wait_for(found, limit_s)
+            return found()
 
     def paid(self, task_id: int) -> dict[str, Any]:
         """The task once it is paid, at its first attempt."""
-        ended = self.wait_for(task_id, "TaskSettled", "TaskRequeued", "TaskFailed")
-        settled = self.task(task_id)
-        right = ended.name == "TaskSettled" and (settled["verdict"], settled["attempt"]) == ("accepted", 1)
+        ended, settled = self.ended(task_id), self.task(task_id)
+        right = (
+            ended is not None
+            and ended.name == "TaskSettled"
+            and (settled["verdict"], settled["attempt"]) == ("accepted", 1)
+        )
         assert right, self.story(task_id)
         return settled
 
     def story(self, task_id: int) -> str:
         """What a person would read of a task that did not end as it should."""
         told = [(one.name, one.task_id) for one in self.events]
-        names = ("robot_agent", "oracle", "mocap", "itrash", "charger", "world")
-        logs = (f"{name}:\n{self.log(name)}" for name in names)
+        logs = (f"{name}:\n{self.log(name)}" for name in (*SPEAKERS, "mocap", "itrash", "world"))
         return "\n".join([str(told), str(self.task(task_id)), *logs])
 
 

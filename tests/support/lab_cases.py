@@ -1,0 +1,112 @@
+"""The cases of `tests/reallab/cases.toml`, each brought about in a running lab."""
+
+from __future__ import annotations
+
+import json
+import threading
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from rodeo.bus.messages import Status
+from rodeo.errors import BusError
+from rodeo.site.minds import AGENT
+from tests.support.reallab import PROGRAMS, RealLab
+
+UNPLUGGED_S = 10.0
+AHEAD_S = 1.5
+LIMIT_S = 240.0
+"""Wall time after which a case has not ended as it must, on a busy machine, too."""
+
+
+class Case(BaseModel):
+    """A line of the table; its comments say what the fields mean."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    device: str
+    fault: Literal["unplugged", "lying", "clock"]
+    work: Literal["cleaning", "charge"] | None = None
+    when: str = ""
+    order: tuple[str, str, Any] | None = None
+    back: Any = None
+    clock: str = ""
+    must: Literal["paid", "void", "not_ready"]
+    process: str = ""
+    names: str = ""
+
+    @property
+    def id(self) -> str:
+        return f"{self.device}, {self.fault}"
+
+
+CASES = [Case.model_validate(one) for one in tomllib.loads((PROGRAMS / "cases.toml").read_text())["cases"]]
+
+
+def ends_as_it_must(lab: RealLab, case: Case) -> str:
+    """What became of the case instead of what must; empty if it ended so."""
+    try:
+        if case.clock:
+            with lab.clock_ahead(case.clock, AHEAD_S):
+                return _not_ready(lab, case)
+        if case.work is None:
+            with _fault(lab, case):
+                return _not_ready(lab, case)
+        return _worked(lab, case)
+    except (AssertionError, BusError) as error:
+        return f"{type(error).__name__}: {str(error)[:2000]}"
+
+
+@contextmanager
+def _fault(lab: RealLab, case: Case) -> Iterator[None]:
+    assert case.order is not None
+    device, what, value = case.order
+    lab.order(device, what, value)
+    try:
+        yield
+    finally:
+        lab.order(device, what, case.back)
+
+
+def _not_ready(lab: RealLab, case: Case) -> str:
+    def said(status: Status) -> bool:
+        return not status.ready and case.names in status.reason
+
+    return "" if lab.sees(case.process, said, LIMIT_S) else f"{case.process} says nothing of it"
+
+
+def _worked(lab: RealLab, case: Case) -> str:
+    """What became of the work during which the fault was there."""
+    lab.tidy()
+    if not case.when:
+        with _fault(lab, case):
+            return _judged(lab, case, _work(lab, case))
+    task = _work(lab, case)
+    if not lab.sees(AGENT, lambda status: case.when in status.activity, LIMIT_S):
+        return f"the robot is never {case.when}"
+    with _fault(lab, case):
+        if case.fault == "unplugged":
+            threading.Event().wait(UNPLUGGED_S)
+        else:
+            lab.ended(task, LIMIT_S)
+    return _judged(lab, case, task)
+
+
+def _judged(lab: RealLab, case: Case, task_id: int) -> str:
+    ended = lab.ended(task_id, LIMIT_S)
+    if ended is None:
+        return f"task {task_id} does not end: {lab.task(task_id)['state']}"
+    task = lab.task(task_id)
+    told = json.dumps([task, ended.model_dump(mode="json"), lab.said(task_id)], default=str)
+    if case.must == "paid":
+        right = ended.name == "TaskSettled" and (task["verdict"], task["attempt"]) == ("accepted", 1)
+    else:
+        right = ended.name != "TaskSettled" and case.names in told
+    return "" if right else f"{ended.name}: {told[:1500]}"
+
+
+def _work(lab: RealLab, case: Case) -> int:
+    return lab.charge() if case.work == "charge" else lab.clean(lab.site.items[0].id)
