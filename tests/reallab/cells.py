@@ -26,7 +26,7 @@ class Cells:
         self._port, self._values = port, values
         self.frozen = False
         self.share = 1.0
-        """Of the weights that it shows."""
+        """How much of the weights it shows."""
         self._last: list[float] = []
         bits = [SimData(0, count=16, values=False, datatype=DataType.BITS)]
         words = [SimData(0, count=_REGISTERS, datatype=DataType.REGISTERS)]

@@ -10,7 +10,7 @@ import numpy as np
 
 STEP_S = 0.002
 FLOOR_M = 0.03
-"""Of a compartment, above the lab's floor."""
+"""Height of a compartment's floor above the lab's."""
 WALL_M = 0.005
 IN_VIEW_M = 0.12
 """An item so near to the point where things are shown is in the picture."""

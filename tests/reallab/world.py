@@ -108,7 +108,7 @@ class LabRobot(Robot):
         self.voltage_v, self.current_a, self.soc = power.voltage_v, power.current_a, power.soc
 
     def poses(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Of the markers on its base and on its gripper."""
+        """Where the markers on its base and on its gripper are."""
         half = self.base.yaw_rad / 2
         base = (
             np.array([self.base.x_m, self.base.y_m, 0.0]),

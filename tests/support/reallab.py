@@ -67,7 +67,7 @@ meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", mode
 
 
 def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
-    """What the world is told."""
+    """What a person would have measured for the world."""
     bin_ = BinLayout(site.bins[0])
     config, robot, dock = bin_.config, site.robots[0], site.docks[0]
     battery, parking = robot.battery, dock_parking(dock)
