@@ -427,6 +427,8 @@ def table_row(row: Row) -> TableRow:
     if row.status is None:
         return TableRow((row.name, row.where, row.reason, "", ""), colours)
     age = f"{max(0.0, time.time() - row.status.time_s):.1f} s ago"
+    if row.status.clock is not None:
+        age += f", clock {row.status.clock.off_s:+.2f} s"
     room = 16 if console.is_terminal and console.width >= _WIDE else 0
     doing = row.reason or row.status.activity
     return TableRow((row.name, row.where, doing, bar(row.status.progress, room), age), colours)
@@ -457,6 +459,7 @@ def _row_json(site: Site, row: Row) -> dict[str, Any]:
         "warnings": status.warnings if status is not None else [],
         "progress": status and status.progress,
         "last_heartbeat": status and status.time_s,
+        "clock": status and status.clock and status.clock.model_dump(),
     }
 
 

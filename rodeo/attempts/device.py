@@ -94,5 +94,6 @@ class RobotDevice:
         store = Store(site)
         copies = Copies(bus, site.org, name, store, partial(recording_of, tasks))
         self.closing.callback(copies.close)
-        recorded = RecordedRobot(site, name, self.key, bus, self.clock, interrupts)
+        check = self.process.clock_check
+        recorded = RecordedRobot(site, name, self.key, bus, self.clock, interrupts, lambda: check.offset)
         return Room(tasks, dao, Tapes(recorded, dao, kinds, self.make_node), events, store)

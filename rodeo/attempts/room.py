@@ -16,6 +16,7 @@ from rodeo.evidence.errors import RecordingSealed
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
 from rodeo.kinds import Kind
+from rodeo.recording.clock import note_clock
 from rodeo.robot.recording import RecordedRobot, Recording
 from rodeo.ros2.node import Node
 
@@ -62,7 +63,7 @@ class Tapes:
         self._robot, self._dao, self._kinds, self._make_node = robot, dao, kinds, make_node
 
     def open(self, path: Path, task: Task, *, holes_allowed: bool) -> Recording:
-        return Recording(
+        recording = Recording(
             path,
             self._dao.binding(task, self._robot.name),
             self._make_node("recorder"),
@@ -70,6 +71,12 @@ class Tapes:
             holes_allowed=holes_allowed,
             records=self._kinds[task.kind].records,
         )
+        self.note_clock(recording)
+        return recording
+
+    def note_clock(self, recording: Recording) -> None:
+        """Say on record how far the clock is off the site's time."""
+        note_clock(recording.note, self._robot.offset())
 
     def finish(self, path: Path, task: Task) -> None:
         """Raises EvidenceError, BusError."""
@@ -123,6 +130,7 @@ class Room:
     def end(self, attempt: Attempt, recording: Recording) -> None:
         """The work is over: nothing more is recorded than what was said up to now."""
         recording.catch_up()
+        self._tapes.note_clock(recording)
         self._events.stop_recording()
         recording.stop()
         attempt.advance(Phase.EXECUTED)

@@ -447,6 +447,17 @@ class Origin(Message):
     """The organization's contract and its chain's genesis block; empty before the contracts are deployed."""
 
 
+class ClockOffset(Message):
+    """A process's clock, compared with the site's time."""
+
+    source: str
+    """The process whose machine has the site's time."""
+    off_s: float
+    """The process's clock less the source's."""
+    doubt_s: float = Field(ge=0)
+    """By how much `off_s` may be wrong at most: the answers' time on the way."""
+
+
 class Status(Message):
     """A process's heartbeat. `time_s` is wall time, so a process without a site clock can publish it, too."""
 
@@ -467,6 +478,8 @@ class Status(Message):
     """Warnings to the operator while the process works."""
     origin: Origin | None = None
     """The site that it works for."""
+    clock: ClockOffset | None = None
+    """None on a simulated clock, and before the site's time is known."""
 
 
 class ClockMark(Message):

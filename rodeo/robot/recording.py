@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rodeo.bus.messages import DaoEvent
+from rodeo.bus.messages import ClockOffset, DaoEvent
 from rodeo.bus.session import Bus
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement, ContainerError, EvidenceError
@@ -133,6 +133,8 @@ class RecordedRobot:
     bus: Bus
     clock: Clock
     interrupts: Interrupts
+    offset: Callable[[], ClockOffset | None] = lambda: None
+    """How far the clock is off the site's time."""
 
 
 class Recording:

@@ -42,6 +42,7 @@ from rodeo.host.instance import (
 )
 from rodeo.host.metrics import BUS_CONNECTED, READY
 from rodeo.runtime import disk, logs
+from rodeo.runtime.clock_check import WAITING, ClockCheck
 from rodeo.runtime.presence import Presence
 from rodeo.runtime.serving import Claim, Rivals, Thing
 from rodeo.runtime.sim_clock import SimClock
@@ -57,11 +58,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
-
-CLOCK_OFF_S = 1.5
-"""By more than this the clock of a process that keeps the wall's time must not be off it: the simulator stays
-within half a second, and the rest is a busy machine's."""
-
 
 _STANDING_LEASE_S = 60.0
 """Wall time for which a process that holds a simulated clock may stand still and is waited for."""
@@ -95,7 +91,6 @@ class Process:
         self._open_session = open_session
         self.bus: Bus
         self.clock: Clock
-        self.notices = Notices()
         folders = disk.written_folders(site, self.data_dir)
         self.disk = disk.Disk(folders, site.disk.min_free_mb, self.stop, self.not_ready)
         self._state = State()
@@ -125,8 +120,10 @@ class Process:
             if self.site.clock.source == "wall"
             else SimClock(self.bus.session, self.site.bus.domain_id, self._holder(), starting=True)
         )
-        self._presence = Presence(self.name, self.site, self.bus, self.stop, self.status, self.disk.look)
+        self.clock_check = ClockCheck(self.site, self.name, self.clock, self.bus)
+        self._presence = Presence(self.name, self.site, self.bus, self.stop, self.status, self._look)
         self._presence.start()
+        self.clock_check.ask()
         return self
 
     def __exit__(
@@ -140,6 +137,10 @@ class Process:
         os.close(self._instance)
         if self._failure is not None:
             raise self._failure from error
+
+    def _look(self) -> None:
+        self.disk.look()
+        self.clock_check.ask()
 
     def fail(self, error: RodeoError) -> None:
         """End the process for `error`, from any thread."""
@@ -172,6 +173,10 @@ class Process:
         holds = clock_holder(self.name) in clock.holders and not clock.keeps_wall_time
         return (self.site.org, self.name) if holds else None
 
+    @property
+    def notices(self) -> Notices:
+        return self._state.notices
+
     # -- readiness and progress ------------------------------------------------------------------------
 
     def wait_clock(self) -> None:
@@ -180,6 +185,11 @@ class Process:
             self.not_ready("waiting for /clock")
             if not self.clock.wait_ready(self.stop):
                 raise ClockUnavailable("stopped while waiting for /clock")
+            return
+        self.not_ready(WAITING)
+        if not self.clock_check.wait_answered(self.stop):
+            raise ClockUnavailable("stopped while waiting for the site's time")
+        self.not_ready("starting")
 
     def wait_account(self, name: str) -> Key:
         """Open keystore `name`, waiting until there is one.
@@ -220,7 +230,7 @@ class Process:
         connected = self._open_session is not None or self.bus.connected
         said = self._state.now()
         # What else is wrong may well come of the clock.
-        reason = "; ".join(filter(None, (self._clock_off(), self.disk.problem or said.reason)))
+        reason = "; ".join(filter(None, (self.clock_check.problem, self.disk.problem or said.reason)))
         if not connected:
             reason = f"no router at {self.site.bus.router}"
         ready = said.ready and not reason
@@ -243,21 +253,8 @@ class Process:
                 *self._rivals.warnings(),
             ],
             origin=origin_of(self.site),
+            clock=self.clock_check.offset,
         )
-
-    def _clock_off(self) -> str:
-        """What keeps a process from being ready whose clock should be the wall's, and is not; else empty."""
-        if not (isinstance(self.clock, SimClock) and self.site.clock.keeps_wall_time):
-            return ""
-        try:
-            behind_s = time.time() - self.clock.now_s()
-        except ClockUnavailable:
-            return ""  # who needs the clock waits for it
-        if behind_s > CLOCK_OFF_S:
-            return f"clock {behind_s:.0f} s behind wall time; see robot_sim in `rodeo status`"
-        if behind_s < -CLOCK_OFF_S and self.site.chain.backend == "external":
-            return f"clock {-behind_s:.0f} s ahead of wall time; it waits for wall time to catch up"
-        return ""
 
     def _clock_warnings(self) -> list[str]:
         warning = self.clock.warning() if isinstance(self.clock, SimClock) else ""

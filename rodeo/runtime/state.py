@@ -24,9 +24,10 @@ class Said(NamedTuple):
 
 
 class State:
-    """Readiness and activity, which any thread of the process changes."""
+    """Readiness, activity and notices, which any thread of the process changes."""
 
     def __init__(self) -> None:
+        self.notices = Notices()
         self.started_s = time.time()
         self._said = Said(False, "starting", "starting", None, {})
         self._ready_until_s: float | None = None

@@ -242,6 +242,7 @@ def _order(
         register=process.data_dir / "register.json",
         battery_topic=topics.BATTERY_STATE.name(ns=namespace),
         slack_s=stamp_slack_s(max(site.clock.speed, site.clock.idle_speed)),
+        offset=process.clock_check.offset,
     )
     return order, problem
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rodeo.bus.messages import DaoEvent
+from rodeo.bus.messages import ClockOffset, DaoEvent
 from rodeo.charging.meter import Meter, load_register, store_register
 from rodeo.charging.metering import RECORD_WH, STEP_WH, Reading
 from rodeo.charging.orders import ChargingParams
@@ -21,6 +21,7 @@ from rodeo.evidence.recorder import OnSeal, SealedProof
 from rodeo.evidence.seal import Binding
 from rodeo.host.clock import Clock
 from rodeo.host.clocked import ClockedEvent
+from rodeo.recording.clock import note_clock
 from rodeo.recording.door import MessageDoor, Refusals
 from rodeo.recording.statements import Heard
 from rodeo.ros2.base import MessageInfo
@@ -57,6 +58,8 @@ class Order:
     battery_topic: str
     slack_s: float
     """How far a message's stamp may be off the site's clock."""
+    offset: ClockOffset | None
+    """How far the dock's clock is off the site's time."""
 
 
 class Delivery:
@@ -102,6 +105,7 @@ class Delivery:
         """Address -> number of its last statement that is on record."""
         self._meter = self._restore(self._film.before)
         self.job.session.sold = self.receipted_wh > 0
+        note_clock(self._film.note, order.offset)
         if not self._film.resumed:
             self._film.note({"event": "assignment", "task": self.job.task.model_dump(mode="json")})
 

@@ -121,7 +121,7 @@ class Charger:
         """How long to rest where there is nothing to do."""
         self._retries.persist(self._assignments.offer)
         job = self._own_job()
-        if job is None and not self._process.disk.problem:
+        if job is None and not (self._process.disk.problem or self._process.clock_check.problem):
             job = self._next_job()
         if job is None:
             self._process.activity("idle")

@@ -40,6 +40,8 @@ class ProcessState:
     """What it is doing says why work is not done."""
     warnings: tuple[str, ...] = ()
     """What an operator should know although the process works."""
+    clock_off_s: float | None = None
+    """How far its clock is off the site's time, to 10 ms; None on a simulated clock."""
 
 
 class Heartbeats:
@@ -102,6 +104,7 @@ class Heartbeats:
             found if isinstance(found := status.details.get("task_id"), int) else None,
             status.details.get("trouble") is True,
             tuple(status.warnings),
+            None if status.clock is None else round(status.clock.off_s, 2),
         )
 
 

@@ -109,7 +109,7 @@ class Agent:
     def step(self) -> None:
         situation = self._senses.look()
         intent, reason = reasoned(situation, self._process.site.agent)
-        unfit = self._idle.machine.body.unfit()
+        unfit = self._process.clock_check.problem or self._idle.machine.body.unfit()
         self._senses.keep(situation, intent, reason)
         if intent is not Intent.OFF and self._idle.switch_on():
             return

@@ -14,6 +14,7 @@ from rodeo.host.stamps import set_stamp
 from rodeo.judging.rulings import Rulings
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.lab.config import RobotConfig
+from rodeo.recording.pace import LEAST_WORK_S
 from rodeo.robot.arm import Arm
 from rodeo.robot.behaviour import Behaviour, Robot
 from rodeo.robot.bin import SmartBin
@@ -119,7 +120,11 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Agent
     activity = Activity(process, machine.body, upkeep)
     prices = Prices(site, robot, dao, upkeep, clock, process.data_dir)
     skills = parts.make_skills(machine, bins, upkeep)
-    acceptance = Acceptance(site, dao, clock, skills.behaviours, machine.body.unfit)
+
+    def unfit(work_s: float = LEAST_WORK_S) -> str:
+        return process.clock_check.problem or machine.body.unfit(work_s)
+
+    acceptance = Acceptance(site, dao, clock, skills.behaviours, unfit)
     receipts = Receipts(site, robot, witness, bus, parts.node, clock)
     closing.callback(receipts.close)
     charging = Charging(

@@ -8,6 +8,7 @@ RodeoError
     ├── StillWorking        what was asked for before is not done yet
     ├── NothingRecorded     no such attempt is, or was, recorded
     ├── OperatorsOrder      the robot is paused or stopped
+    ├── WrongClock          the recorder's clock is not the site's
     ├── UnknownBin          the site has no such bin
     └── NothingGrasped      the fingers hold nothing, or held nothing then
 """
@@ -39,6 +40,10 @@ class NothingRecorded(RequestError):
 
 class OperatorsOrder(RequestError):
     """Operators paused or stopped the robot."""
+
+
+class WrongClock(RequestError):
+    """What the recorder stamps would prove nothing."""
 
 
 class UnknownBin(RequestError):

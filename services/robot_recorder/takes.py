@@ -30,6 +30,7 @@ from services.robot_recorder.errors import (
     RecordingOver,
     RecordingRuns,
     StillWorking,
+    WrongClock,
 )
 
 _LAST_LOOK_S = 1.0
@@ -129,6 +130,8 @@ class Takes:
         self._check_orders(task)
         if problem := self._process.disk.look():
             raise DiskFull(problem)
+        if (problem := self._process.clock_check.problem) and not self._room.has_begun(task):
+            raise WrongClock(problem)
         behaviour = self._works.behaviour(task)
         attempt = self._room.open(task)
         done = behaviour.irrevocable(attempt.path) if attempt.path.exists() else None

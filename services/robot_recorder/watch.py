@@ -67,7 +67,7 @@ class Watch:
         self._report(assigned)
         if standing.charge and charge is not None:
             self._orders.charge_bought()
-        if unfit := self._body.unfit():
+        if unfit := self._process.clock_check.problem or self._body.unfit():
             self._process.not_ready(unfit)
         else:
             self._process.ready()

@@ -58,6 +58,7 @@ ROWS: dict[Call, str] = {
     ),
     ("rodeo/bus/session.py", "Bus.query_all", "self.session.get(selector)"): HANDED_ON,
     ("rodeo/bus/origin.py", "statuses_at", "bus.session.get(key)"): NAMED,
+    ("rodeo/runtime/clock_check.py", "ClockCheck.ask", "self._bus.session.get(key)"): NAMED,
     (
         "rodeo/ros2/service.py",
         "Client.call",

@@ -199,11 +199,18 @@ def _draw_processes(processes: list[ProcessState]) -> None:
             (
                 one.name,
                 partial(badge, one.state),
-                brief(". ".join([one.doing if one.state != "silent" else one.job, *one.warnings])),
+                brief(
+                    ". ".join([one.doing if one.state != "silent" else one.job, *_clock(one), *one.warnings])
+                ),
             )
             for one in processes
         ],
     )
+
+
+def _clock(process: ProcessState) -> list[str]:
+    """How far its clock is off, where clocks may be off."""
+    return [] if process.clock_off_s is None else [f"Clock {process.clock_off_s:+.2f} s"]
 
 
 def _draw_queue(tasks: list[Task]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.messages import ClockOffset
 from rodeo.charging.metering import STEP_WH
 from rodeo.charging.orders import ChargingParams
 from rodeo.evidence.attestation import Attestation, attest
@@ -100,6 +101,7 @@ class Bench:
             register=self.folder / "register.json",
             battery_topic="panther1/battery_state",
             slack_s=60.0,
+            offset=ClockOffset(source="router", off_s=0.01, doubt_s=0.001),
         )
         self.delivery = Delivery(order, chain, self._heard, METER, self.clock, self._saved, self._hear_seal)
 

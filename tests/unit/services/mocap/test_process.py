@@ -25,6 +25,7 @@ from rodeo_testing import answers
 from rodeo_testing.assignments import MOCAP, devices
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.mocap.process import run
+from tests.support.clock import serve_time
 from tests.support.site import LAB, free_port
 
 PLACES = {"item1": (4.6, 1.2, 0.05), "panther1": (1.4, 1.3, 0.0)}
@@ -58,6 +59,7 @@ class Lab:
         self.bus.serve(topics.STATE.name(org=org, what="chain"), lambda _: answers.chain())
         known = [one.model_dump() for one in devices()]
         self.bus.serve(topics.STATE.name(org=org, what="devices"), lambda _: {"devices": known})
+        serve_time(self.bus, org)
         self.statements: list[Attestation] = []
         self.status: Status | None = None
         self.bus.subscribe_json(

@@ -79,6 +79,7 @@ class Night:
     asked_for: list[str] = field(default_factory=list)
     memory: Any = field(default_factory=lambda: SimpleNamespace(held=None))
     agent: Any = None
+    clock_check: Any = field(default_factory=lambda: SimpleNamespace(problem=""))
 
     def unfit(self, work_s: float = 0.0) -> str:
         return ""
@@ -101,7 +102,9 @@ class Night:
             clock=self.clock,
             stop=stop,
             disk=SimpleNamespace(problem=""),
+            clock_check=self.clock_check,
             ready=lambda: None,
+            not_ready=self.said.append,
             data_dir=None,
         )
         self.stop, self.news = stop, News(self.clock, stop)
@@ -589,3 +592,15 @@ def test_the_assignment_is_asked_for_only_after_something_happened_on_chain() ->
     events.seq = 6
     with pytest.raises(Revoked):
         watch.check()
+
+
+def test_a_robot_whose_clock_is_off_offers_no_work_and_says_by_how_much() -> None:
+    night = Night(at(9))
+    steps(night, 1)
+    assert night.service == "active"
+    night.clock_check.problem = "clock 1.50 s ahead of the site's time"
+    steps(night, 1)
+    assert (night.service, night.said) == (
+        "paused",
+        [*night.said[:-1], "clock 1.50 s ahead of the site's time"],
+    )

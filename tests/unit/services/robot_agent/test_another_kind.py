@@ -199,6 +199,7 @@ class Mind:
             data_dir=folder,
             ready=lambda: None,
             disk=SimpleNamespace(problem="", look=lambda: ""),
+            clock_check=SimpleNamespace(problem=""),
         )
         fit: Any = self.fit
         floor, config = Floor(site), site.robots[0]
@@ -223,7 +224,8 @@ class Mind:
         assignments = Assignments(self.dao, seq, acceptance, self.news, self.orders)
         execution = Execution(process, machine, skills, fit, assignments, activity)
         tapes: Any = SimpleNamespace(
-            open=lambda path, task, holes_allowed: Tape(path, kinds[task.kind].records)
+            open=lambda path, task, holes_allowed: Tape(path, kinds[task.kind].records),
+            note_clock=lambda _recording: None,
         )
         store: Any = SimpleNamespace(put=lambda _path: "file:///proofs/" + "ab" * 32 + ".mcap")
         room = Room(folder / "tasks", self.dao, tapes, TaskEvents(), store)

@@ -15,7 +15,7 @@ from rodeo.errors import NoResponder
 from rodeo.evidence.errors import EvidenceError
 from rodeo.robot.interrupts import Interrupts
 from rodeo_testing.waiting import HANG_S
-from services.robot_recorder.errors import StillWorking
+from services.robot_recorder.errors import StillWorking, WrongClock
 from services.robot_recorder.takes import Takes, Works
 from tests.unit.robot.fakes import CLAIMANT, ManualClock
 
@@ -75,7 +75,7 @@ class Room:
         return "file:///nothing"
 
 
-def takes_in(room: Any, attend: Callable[[], None]) -> Takes:
+def takes_in(room: Any, attend: Callable[[], None], clock_problem: str = "") -> Takes:
     """Takes whose kind of work attends to a stop with `attend`; the attempt is being recorded."""
     behaviour = SimpleNamespace(attend=lambda _done: attend())
     kinds: Any = {"cleaning": SimpleNamespace(subject="item_id", load_behaviour=lambda: behaviour)}
@@ -85,7 +85,8 @@ def takes_in(room: Any, attend: Callable[[], None]) -> Takes:
         cancelled=lambda _nonce: False,
     )
     disk = SimpleNamespace(look=lambda: "")
-    process: Any = SimpleNamespace(clock=ManualClock(), disk=disk, stop=threading.Event())
+    check = SimpleNamespace(problem=clock_problem)
+    process: Any = SimpleNamespace(clock=ManualClock(), clock_check=check, disk=disk, stop=threading.Event())
     dao: Any = SimpleNamespace(name="panther1", task=lambda _id: TASK)
     takes = Takes(process, dao, room, Works(kinds, {}, frozenset()), orders, Interrupts(lambda: None))
     takes.start(7, 1)
@@ -139,3 +140,13 @@ def test_a_recording_that_takes_nothing_more_is_finished_as_it_is() -> None:
     assert takes.running is None
     assert "restarted" in takes.stop(7, 1, "").missing
     assert room.done == ["let go", "sealed as it is"]
+
+
+def test_with_a_wrong_clock_no_recording_begins_and_the_number_is_said() -> None:
+    """What it would stamp proves nothing. One that has begun is finished."""
+    room: Any = Room()
+    room.has_begun = lambda _task: False
+    with pytest.raises(WrongClock, match=r"1\.50 s ahead"):
+        takes_in(room, lambda: None, clock_problem="clock 1.50 s ahead of the site's time")
+    room.has_begun = lambda _task: True
+    assert takes_in(room, lambda: None, clock_problem="clock 1.50 s ahead").running is not None

@@ -21,7 +21,7 @@ class Process:
     def __init__(self) -> None:
         self.stop, self.told, self.rests = threading.Event(), list[str](), list[bool]()
         self.clock = SimpleNamespace(wait_for=self._wait, acting=nullcontext)
-        self.notices = Notices()
+        self.notices, self.clock_check = Notices(), SimpleNamespace(problem="")
 
     def _wait(self, *_args: Any, resting: bool, **_kwargs: Any) -> None:
         self.rests.append(resting)
