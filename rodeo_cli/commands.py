@@ -51,6 +51,7 @@ COMMANDS = {
     ),
     "robot": ("robot:robots", "Give orders to robots and show their state."),
     "ros2": ("ros2:ros2", "Connect a participant's ROS 2 nodes to the site."),
+    "mocap": ("mocap:mocap", "Commission motion capture."),
     "bin": ("bins:bins", "Tell a bin what items really were."),
     "console": ("accounts:accounts", "Manage the accounts of people who may use the console."),
     "site": (

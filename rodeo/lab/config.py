@@ -119,7 +119,8 @@ class MocapConfig(Section):
     origin: Pose2 = Pose2(x_m=0.0, y_m=0.0)
     """Where the system's origin is in the map, and how its x axis is turned there."""
     latency_s: float = Field(0.0, ge=0, le=1)
-    """Time from the exposure to the frame's arrival. It counts where the system stamps no frames."""
+    """Time from the exposure to the system's stamp, or to the frame's arrival where it stamps none or by a
+    clock of its own. It is subtracted; `rodeo mocap latency` measures it."""
 
 
 class CameraConfig(Section):

@@ -172,6 +172,8 @@ ONE_HOST = (
 
 def _motion_capture(site: SiteFile) -> Iterator[tuple[Place, str]]:
     wanted = site.mocap
+    if wanted.latency_s and (wanted.source or site.clock.source) == "sim":
+        yield ("mocap", "latency_s"), "simulated motion capture is never late: remove it"
     if wanted.source is not None and not site.lab.mocap:
         yield ("mocap", "source"), "lab.mocap = false says that there is none: remove one of the two"
     others = [site.org, *(one.name for one in site.bins), *(one.name for one in site.docks)]

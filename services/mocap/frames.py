@@ -45,7 +45,7 @@ class Inbox:
         self._clock = clock
         latency_ns = round(config.latency_s * 1e9)
         self._latency_ns, self._origin = latency_ns, config.origin
-        self._times = SiteTime() if kind.stamps == "site" else SystemTime(latency_ns)
+        self._times = SiteTime(latency_ns) if kind.stamps == "site" else SystemTime(latency_ns)
         self._last: dict[str, tuple[int | None, int]] = {}
         """Body -> stamp and site time of its newest frame."""
         self._frames: queue.Queue[Taken] = queue.Queue(_MOST_WAITING)

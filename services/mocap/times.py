@@ -36,14 +36,15 @@ class SystemTime:
 
 
 class SiteTime:
-    """Stamps that are the site's time already, as those of ROS 2 drivers. `off_s` is how far the newest one
-    is off, and None while that is little enough."""
+    """Stamps that are the site's time already, as those of ROS 2 drivers, which come `latency_ns` after the
+    exposure. `off_s` is how far the newest one is off, and None while that is little enough."""
 
-    def __init__(self) -> None:
+    def __init__(self, latency_ns: int) -> None:
+        self._latency_ns = latency_ns
         self.off_s: float | None = None
 
     def taken_ns(self, stamp_ns: int, arrival_ns: int) -> int | None:
-        """The stamp; None where it cannot be the site's time."""
+        """When the frame was taken; None where the stamp cannot be the site's time."""
         off_ns = stamp_ns - arrival_ns
         self.off_s = off_ns / SECOND_NS if abs(off_ns) > OFF_NS else None
-        return None if self.off_s is not None else stamp_ns
+        return None if self.off_s is not None else stamp_ns - self._latency_ns

@@ -278,6 +278,8 @@ ROWS: dict[Call, str] = {
         "send_command",
         "bus.subscribe_bytes(topics.STATUS.name(org=site.org, process='bridge'))",
     ): ONE,
+    ("rodeo_cli/mocap.py", "latency", "node.subscription(odom.name(ns=namespace))"): ONE,
+    ("rodeo_cli/mocap.py", "latency", "node.subscription(pose.name(body=robot))"): ONE,
     (
         "rodeo_cli/site.py",
         "StatusWatcher.statuses",

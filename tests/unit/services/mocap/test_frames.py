@@ -73,7 +73,7 @@ def test_a_system_that_starts_anew_is_followed_from_its_next_frame_on() -> None:
 
 @pytest.mark.parametrize("off_s", [1.5, -1.5])
 def test_stamps_that_cannot_be_the_sites_time_are_refused_with_the_number(off_s: float) -> None:
-    times = SiteTime()
+    times = SiteTime(0)
     assert times.taken_ns(START - 20_000_000, START) == START - 20_000_000 and times.off_s is None
     assert times.taken_ns(START + round(off_s * S), START) is None
     assert times.off_s == pytest.approx(off_s)
