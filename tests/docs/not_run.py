@@ -28,6 +28,7 @@ NOT_RUN: dict[str, str] = {
     "out/demo/data/robot_agent/tasks/1-1/recording.mcap --out docs/images/cleaning.webp": (
         f"{_MINUTES}: tests/unit/cli/test_film.py makes a small one"
     ),
+    "python -m tests.docs.pictures": f"{_MINUTES}, and overwrites them",
     "make setup": _INSTALLS,
     "make system": _INSTALLS,
     "apt-get install git make python3 python3-venv": _INSTALLS,
