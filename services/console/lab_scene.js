@@ -87,7 +87,7 @@ export default {
   props: { label: String, source: String },
   template: `
     <div class="lab-scene">
-      <div class="lab-scene-view" ref="view" role="img" :aria-label="label"></div>
+      <div class="lab-scene-view" v-show="!problem" ref="view" role="img" :aria-label="label"></div>
       <p v-if="problem" class="empty">{{ problem }}</p>
       <div v-else class="lab-tools">
         <label>Look at
