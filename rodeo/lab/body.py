@@ -209,9 +209,6 @@ class Body:
         self.arm_model = arm = ArmModel.of(model, f"{robot}/")
         _check_motors(model, robot, arm)
         joints = [model.joint(f"{robot}/{name}") for name in joint_names(arm)]
-        count = len(arm.joints)
-        self.arm_columns, self.finger_columns = slice(0, count), slice(count, count + 2)
-        """Columns of `positions`, `velocities` and `efforts`."""
         self.positions_at = np.array([joint.qposadr[0] for joint in joints], np.intc)
         """(n,) of `positions` in `mjData.qpos`."""
         self.velocities_at = np.array([joint.dofadr[0] for joint in joints], np.intc)
@@ -233,6 +230,17 @@ class Body:
         """Where the base stands, in the map frame."""
         x_m, y_m, yaw_rad = self.place
         return Pose2.model_construct(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+
+    @property
+    def arm_columns(self) -> slice:
+        """Columns of `positions`, `velocities` and `efforts`."""
+        return slice(0, len(self.arm_model.joints))
+
+    @property
+    def finger_columns(self) -> slice:
+        """The fingers' columns of the same."""
+        count = len(self.arm_model.joints)
+        return slice(count, count + 2)
 
     @property
     def positions(self) -> np.ndarray:

@@ -10,7 +10,7 @@ from nicegui import ui
 from rodeo.access.accounts import workers
 from rodeo.access.roles import Role
 from rodeo.bus.messages import LIVE_STATES, Task
-from rodeo.bus.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
+from rodeo.bus.queries import SERVICES, TRANSACTIONS, Transaction
 from rodeo.dao import cancellation
 from rodeo.display.formatting import (
     explain,
@@ -40,7 +40,6 @@ from rodeo.judging.verdicts import (
 )
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
-from rodeo.text.strict_json import Json
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabViews
 from services.console.pages import dispute
@@ -61,7 +60,7 @@ from services.console.pages.frame import (
     when,
 )
 from services.console.pages.replay import track_of
-from services.console.pages.verdict import draw_report
+from services.console.pages.task_evidence import TaskEvidence
 from services.console.pages.widgets import (
     Field,
     Link,
@@ -77,13 +76,10 @@ from services.console.pages.widgets import (
     hash_text,
     notice,
     on_page,
-    retitle,
     table,
 )
 from services.console.posting import fitting
-from services.console.queries import Seal
 
-_ORACLES_REPORT = "Oracle's report"
 _TOKEN_EVENTS = ("Transfer", "Approval")
 """Every transaction of a task has some; the treasury explains them."""
 
@@ -99,12 +95,8 @@ class TaskPage:
     def __init__(self, console: Console, task_id: int) -> None:
         self._console = console
         self._task_id = task_id
-        self._attempts: list[Attempt] = []
         self._chosen: int | None = None
         """The attempt whose proof and report are shown; None for the newest that has one."""
-        self._shown: Attempt | None = None
-        self._verdicts: dict[int, str] = {}
-        """Attempt -> the verdict on it in words, and by whom."""
         self._live = False
         back_link("Tasks", "/tasks")
         self._head = Section(self._draw_head).live()
@@ -124,10 +116,8 @@ class TaskPage:
             with ui.element("div").classes("grid"):
                 with card("Agreement", "span-6"):
                     self._agreement = Section(partial(_draw_agreement, console)).waiting()
-                with card("Proof", "span-6"):
-                    self._proof = Section(self._draw_proof).waiting()
-            with card(_ORACLES_REPORT) as self._report_head:
-                self._report = Section(self._draw_report).waiting()
+                evidence = self._evidence = TaskEvidence(console, task_id)
+            evidence.report_card()
             with card("Transactions"):
                 self._transactions = Section(_draw_transactions).waiting()
         follow(console, "map", self._show_map)
@@ -153,8 +143,8 @@ class TaskPage:
             return
         self._problem.show("")
         self._parts.visible = True
-        self._attempts = attempts(events)
-        proven = [one for one in self._attempts if one.proof_sha256 is not None]
+        made = attempts(events)
+        proven = [one for one in made if one.proof_sha256 is not None]
         shown = next((one for one in reversed(proven) if self._chosen in (None, one.number)), None)
         self._live = task.state in LIVE_STATES
         self._head.show(task)
@@ -167,43 +157,17 @@ class TaskPage:
             transactions = []
             self._transactions.show([], explain(error))
         people = workers(self._console.site)
-        self._verdicts = {
-            one.number: _verdict(task.judge == "auditor", one, transactions, people) for one in self._attempts
-        }
+        verdicts = {one.number: _verdict(task.judge == "auditor", one, transactions, people) for one in made}
         story = await dispute.story_of(self._console, events)
         number = None if shown is None else shown.number
-        self._tries.show(self._attempts, names, number, self._verdicts, story)
+        self._tries.show(made, names, number, verdicts, story)
         self._agreement.show(task)
         self._show_map()
         place = task.params.get("x_m"), task.params.get("y_m")
         if all(isinstance(value, int | float) for value in place):
             self._lab.map.mark_place(place)  # type: ignore[arg-type]
-        await self._load_evidence(shown)
-
-    async def _load_evidence(self, shown: Attempt | None) -> None:
-        """Report, proof and who sealed it."""
-        self._shown = shown
         self._replay.visible = shown is not None
-        if shown is None:
-            self._report.show(None, "The oracle has not judged a proof of this task yet.")
-            self._proof.show(None, {})
-            return
-        if shown.report_sha256 is None:
-            ruled = shown.verdict or shown.standing
-            self._report.show(None, "No report." if ruled else "Nobody has judged this proof yet.")
-        else:
-            try:
-                self._report.show(await ask(self._console.queries.report, shown), "")
-            except RodeoError as error:
-                self._report.show(None, explain(error))
-        try:
-            seal = await ask(self._console.queries.seal, shown)
-            devices = (await ask(self._console.queries.ask, DEVICES)).devices
-        except RodeoError as error:
-            self._proof.show(shown, {"Sealed by": explain(error)})
-            return
-        names = {one.address: one.name for one in self._console.live.summary.wallets}
-        self._proof.show(shown, _seal_facts(seal, devices, names))
+        await self._evidence.load(shown, "" if number is None else verdicts[number])
 
     def _draw_attempts(
         self,
@@ -243,19 +207,6 @@ class TaskPage:
             Link("Compare the last two", f"/replay?left={proven[-2]}&right={proven[-1]}")
         dispute.draw_story(story)
 
-    def _draw_report(self, report: Json | None, problem: str) -> None:
-        by_people = report is not None and "auditor" in report
-        retitle(self._report_head, "Auditor's verdict" if by_people else _ORACLES_REPORT)
-        if report is None:
-            empty(problem)
-        elif by_people and self._shown is not None:
-            # A person's word: the oracle measured none of it, and it must not read as if it had.
-            verdict = self._verdicts.get(self._shown.number, "")
-            Text("p", f"{verdict[:1].upper()}{verdict[1:]}", "wrap")
-            empty("A person judged this proof; the oracle's checks did not decide it.")
-        else:
-            draw_report(report)
-
     def _choice(self, attempt: Attempt, is_shown: bool) -> None:
         if attempt.proof_sha256 is None:
             return
@@ -270,23 +221,6 @@ class TaskPage:
         self._chosen = number
         self._lab.replay.show(None)
         self._refresh()
-
-    def _draw_proof(self, attempt: Attempt | None, sealed: dict[str, str]) -> None:
-        if attempt is None:
-            empty("No proof was submitted yet.")
-            return
-        with facts():
-            fact("Attempt", str(attempt.number))
-            fact("SHA-256", lambda: hash_text(attempt.proof_sha256 or ""))
-            for name, value in sealed.items():
-                if value.startswith("0x"):
-                    fact(name, partial(hash_text, value))
-                else:
-                    fact(name, value)
-        ui.button("Download", icon="download").props(
-            f'outline dense href="/files/proof/{self._task_id}?attempt={attempt.number}" '
-            'aria-label="Download the proof"'
-        ).style("align-self: start")
 
     def _draw_head(self, task: Task | None) -> None:
         """None when there is no such task."""
@@ -352,11 +286,11 @@ class TaskPage:
         await act(self._console, "conclude", {"task_id": task.id}, f"Task {task.id} is concluded")
 
     async def _load_replay(self) -> None:
-        if self._shown is None:
+        if self._evidence.shown is None:
             return
         self._replay.props("loading")
         try:
-            recording = await ask(track_of, self._console, self._shown)
+            recording = await ask(track_of, self._console, self._evidence.shown)
         except RodeoError as error:
             fail(error)
             return
@@ -364,21 +298,6 @@ class TaskPage:
             self._replay.props(remove="loading")
         self._replay.visible = False
         self._lab.replay.show(recording)
-
-
-def _seal_facts(seal: Seal, devices: list[OwnedDevice], names: dict[str, str]) -> dict[str, str]:
-    signer = next((one for one in devices if one.address == seal.signer), None)
-    owner = names.get(seal.signer or "")
-    whose, revoked = "unknown" if owner is None else f"none: {owner}'s own key", ""
-    if signer is not None:
-        whose = f"{signer.role} {signer.name} of {signer.owner_name or signer.owner}"
-        revoked = f" (revoked: {signer.revoked_because})" if signer.revoked else ""
-    return {
-        "Sealed by": seal.signer or "nobody",
-        "Device": whose + revoked,
-        "Recording": f"{number(Decimal(seal.size_bytes) / 10**6)} MB, {seal.messages:,} messages, "
-        f"{seal.seals:,} seals, all in order",
-    }
 
 
 def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], people: list[str]) -> str:
