@@ -46,7 +46,7 @@ node-packages:
 
 setup: $(DEV) node-packages  ## install all that developing needs; Foundry's tools where there is Node
 
-system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chromium, Node, libEGL, rosidl, ROS 1
+system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chromium, Node, libEGL, rosidl, systemd, ROS 1
 	@$(SETUP) system
 
 # -- what people run ---------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from rodeo.site.processes import PROCESSES
 from rodeo_cli.demo import LAB, write_site
-from tests.support.extras import EXTRA_OF
 
 _ROOT = Path(__file__).parents[1]
 _UV = Path(sys.executable).with_name("uv")
@@ -37,7 +36,7 @@ def run() -> dict[str, float | None]:
         try:
             # The router is the first of the table: the others find it.
             for process in PROCESSES:
-                extra = EXTRA_OF[process.name]
+                extra = process.extra
                 name = extra.replace("-", "_")
                 python, figures[f"extras_{name}_mb"] = _environment(folder / extra, f"{wheel}[{extra}]")
                 log = folder / f"{extra}.log"

@@ -58,6 +58,10 @@ COMMANDS = {
         "sites:sites",
         "Check a site file, prepare a site for its processes, and remove its data.",
     ),
+    "deploy": (
+        "deploying:deploying",
+        "Write what starts the site's processes in place of `rodeo up`: systemd units, or containers.",
+    ),
     "kind": ("kinds:kinds", "List, show, check and create kinds of work."),
     "experiment": ("experiment:experiments", "Run and measure whole days of a site."),
 }

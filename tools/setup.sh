@@ -123,6 +123,7 @@ has_node() {
 has_postgresql() { command -v initdb >/dev/null || ls "$root"/usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1; }
 has_chromium() { command -v chromium-headless-shell || command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null
 has_ros1() { [ -x "$root/usr/bin/rosmaster" ] && [ -e .venv-noetic/whole ]; }
+has_systemd() { command -v systemd-analyze >/dev/null; }
 has_rosidl() { "$root/usr/bin/python3" -c 'import em, rosidl_adapter' >/dev/null 2>&1; }
 
 check_optional() { # $1 site or dev
@@ -132,6 +133,7 @@ check_optional() { # $1 site or dev
     has_postgresql || note "PostgreSQL: without it the tests of the bridge's index in it are skipped"
     has_chromium || note "Chromium: without it the tests of the console's pages are skipped"
     has_rosidl || note "rosidl-tools: without it the grammar of the ROS 2 interfaces is not tested"
+    has_systemd || note "systemd-analyze: without it the units of \`rodeo deploy systemd\` are not verified"
     has_ros1 || note "ROS 1: without it the tests of the relay for Noetic are skipped"
     [ -z "$optional" ] || note "\`make system\` installs these with apt-get"
 }
@@ -175,6 +177,7 @@ system() {
     has_postgresql || want postgresql
     has_chromium || want chromium-headless-shell
     has_rosidl || { want rosidl-tools; want python3-empy; }
+    has_systemd || want systemd
     has_ros1 || for package in $ros1; do want "$package"; done
     if [ -n "$packages" ]; then
         if ! command -v apt-get >/dev/null; then
@@ -200,6 +203,7 @@ system() {
     has_postgresql || need "PostgreSQL"
     has_chromium || need "Chromium (on Ubuntu: Google Chrome's own package)"
     has_rosidl || say "rosidl-tools is missing: the grammar of the ROS 2 interfaces is not tested."
+    has_systemd || say "systemd-analyze is missing: units are not verified."
     has_ros1 || say "ROS 1 is missing: the relay for Noetic is not tested."
     if [ -n "$missing" ]; then
         say "Still missing; their tests are skipped:$missing"

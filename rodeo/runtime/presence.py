@@ -1,4 +1,5 @@
-"""A process as the others see it: a token on the bus, its status there and over HTTP, and its heartbeat."""
+"""A process as the others see it: a token on the bus, its status there and over HTTP, and its heartbeat,
+which its service manager hears, too."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from rodeo.bus.messages import Status
 from rodeo.bus.session import Bus
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.runtime.metrics_server import metrics_server
+from rodeo.runtime.notify import ServiceManager
 from rodeo.site import topics
 from rodeo.site.config import Site
 
@@ -19,7 +21,8 @@ STATUS_WALL_S = 0.1
 
 
 class Presence:
-    """Shows `status()` from `start` on; `look` is called before each heartbeat, until `stop` is set."""
+    """Shows `status()` from `start` on; `look` is called before each heartbeat, until `stop` is set.
+    `hangs()` is what the service manager hears with it."""
 
     def __init__(
         self,
@@ -29,11 +32,13 @@ class Presence:
         stop: threading.Event,
         status: Callable[[], Status],
         look: Callable[[], object],
+        hangs: Callable[[], bool],
     ) -> None:
         """Raises PortUnavailable."""
         self._names = {"org": site.org, "process": name}
         self._stop = stop
-        self._bus, self._status, self._look = bus, status, look
+        self._bus, self._status, self._look, self._hangs = bus, status, look, hangs
+        self._manager = ServiceManager()
         self._metrics = metrics_server(site.metrics.host, site.metrics.ports.get(name, 0), status)
         self._published_s = -math.inf
         self._heartbeat = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
@@ -57,11 +62,12 @@ class Presence:
     def publish(self) -> None:
         """Publish the status now: whoever waits for it need not wait for the next heartbeat."""
         self._published_s = time.monotonic()
-        self._bus.put_json(self._key, self._status())
+        self._tell()
 
     def close(self) -> None:
         """After `stop` is set."""
         self._heartbeat.join(timeout=2 * HEARTBEAT_S)
+        self._manager.close()
         self._metrics.close()
 
     @property
@@ -71,4 +77,11 @@ class Presence:
     def _beat(self) -> None:
         while not self._stop.wait(HEARTBEAT_S):
             self._look()
-            self._bus.put_json(self._key, self._status())
+            self._manager.alive(self._tell().reason, self._hangs())
+
+    def _tell(self) -> Status:
+        status = self._status()
+        self._bus.put_json(self._key, status)
+        if status.ready:
+            self._manager.ready()
+        return status

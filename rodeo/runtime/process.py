@@ -121,7 +121,8 @@ class Process:
             else SimClock(self.bus.session, self.site.bus.domain_id, self._holder(), starting=True)
         )
         self.clock_check = ClockCheck(self.site, self.name, self.clock, self.bus)
-        self._presence = Presence(self.name, self.site, self.bus, self.stop, self.status, self._look)
+        looks = self.status, self._look, self._state.hangs
+        self._presence = Presence(self.name, self.site, self.bus, self.stop, *looks)
         self._presence.start()
         self.clock_check.ask()
         return self

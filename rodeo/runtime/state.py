@@ -67,10 +67,16 @@ class State:
     def now(self) -> Said:
         """The state as it is; one that lapsed has a reason not to be ready."""
         with self._lock:
-            said, until_s = self._said, self._ready_until_s
-        if said.ready and until_s is not None and time.monotonic() > until_s:
+            said = self._said
+        if self.hangs():
             return said._replace(reason="it hangs: its main loop has not reported in time")
         return said
+
+    def hangs(self) -> bool:
+        """Whether it should have said by now that it is ready still."""
+        with self._lock:
+            until_s = self._ready_until_s if self._said.ready else None
+        return until_s is not None and time.monotonic() > until_s
 
 
 class Notices:

@@ -1,9 +1,9 @@
 """Encrypted keystores: who holds which key, and how a process opens its own.
 
 Keystores are Web3 Secret Storage files (`<data_dir>/keys/<name>.json`). The passphrase comes from
-`RODEO_KEYSTORE_PASSPHRASE`, or from the file `<data_dir>/keys/passphrase` that `rodeo.signing.wallets` writes
-(mode 0600) beside keystores it makes for a local chain; on a terminal an operator is asked. Keys are never on
-the bus.
+`RODEO_KEYSTORE_PASSPHRASE`, from the file that `RODEO_KEYSTORE_PASSPHRASE_FILE` names, or from
+`<data_dir>/keys/passphrase`, which `rodeo.signing.wallets` writes (mode 0600) beside keystores it makes for a
+local chain; on a terminal an operator is asked. Keys are never on the bus.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from rodeo.site.names import oracle_names
 from rodeo.site.providers import MOTION_CAPTURE
 
 PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
+PASSPHRASE_FILE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE_FILE"
 
 KEY_VARIABLE = "RODEO_KEY_"
 """`RODEO_KEY_ORGANIZATION` holds the private key of `organization` (0x, 32 bytes), in place of a keystore."""
@@ -161,11 +162,12 @@ def key_variable(name: str) -> str:
 def passphrase(site: Site) -> str:
     if PASSPHRASE_VARIABLE in os.environ:
         return os.environ[PASSPHRASE_VARIABLE]
-    path = site.data_dir / "keys" / "passphrase"
+    named = os.environ.get(PASSPHRASE_FILE_VARIABLE)
+    path = Path(named) if named else site.data_dir / "keys" / "passphrase"
     try:
         return path.read_text().strip()
     except OSError as error:
-        if sys.stdin is not None and sys.stdin.isatty():
+        if not named and sys.stdin is not None and sys.stdin.isatty():
             return _asked(str(site.data_dir))
         raise WalletError(
             f"no passphrase: set {PASSPHRASE_VARIABLE}, write it to a file or start on a terminal",

@@ -16,6 +16,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo.host.files import replace_file
 from rodeo.signing.keystores import (
+    PASSPHRASE_FILE_VARIABLE,
     PASSPHRASE_VARIABLE,
     device_names,
     key_variable,
@@ -41,7 +42,8 @@ def ensure_wallets(site: Site) -> list[str]:
     """Make the keystores that are missing, with fresh throw-away keys: for local chains only. Returns their
     names."""
     folder = _folder(site)
-    if PASSPHRASE_VARIABLE not in os.environ and not (folder / "passphrase").exists():
+    given = {PASSPHRASE_VARIABLE, PASSPHRASE_FILE_VARIABLE} & os.environ.keys()
+    if not given and not (folder / "passphrase").exists():
         replace_file(folder / "passphrase", secrets.token_urlsafe(24), mode=_PRIVATE)
     return make_missing(site, _SCRYPT_N)
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from rodeo.lab.config import Pose2
 from rodeo.money.currency import InvalidAmount
-from rodeo.site import minds, ros_names
+from rodeo.site import minds, processes, ros_names
 from rodeo.site.file import SiteFile
 from rodeo.site.names import (
     BRIDGE,
@@ -50,6 +50,7 @@ def faults(site: SiteFile) -> dict[Place, str]:
         _windows,
         _hours,
         _ports,
+        processes.host_faults,
         lambda one: _charging_and_care(one.agent, [kind.name for kind in one.kinds]),
         lambda one: _time(one.chain, one.clock),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Annotated, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -53,6 +53,9 @@ class SiteFile(BaseModel):
     bridge: sections.BridgeConfig = sections.BridgeConfig()
     bridges: list[sections.OtherBridgeConfig] = []
     """By default one bridge manages all wallets."""
+    hosts: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*$")], list[str]] = {}
+    """Computer -> its processes, by their names in `rodeo status`. `rodeo deploy systemd` writes the units of
+    each, and each process is listed once. By default all are on one computer."""
     metrics: sections.MetricsConfig = sections.MetricsConfig()
     console: sections.ConsoleConfig = sections.ConsoleConfig()
 

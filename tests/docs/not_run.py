@@ -13,6 +13,7 @@ _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the 
 _JUDGES = "needs a site with several oracles: tests/integration/test_quorum.py runs such commands"
 _DISPUTES = "needs a ruling that stands: tests/integration/test_disputes.py runs such commands"
 _MEMBERS = "needs an organization whose members vote: tests/integration/test_governance.py runs such commands"
+_SYSTEMD = "needs a computer that systemd starts: tests/unit/deploy/test_units.py checks the units"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
 NOT_RUN: dict[str, str] = {
@@ -109,6 +110,10 @@ BEGINNINGS = {
     **dict.fromkeys(("sudo apt-get install ros-", "pip3 install eclipse-zenoh"), _ROS1),
     "python -m pytest ": _SUITE,
     "python examples/ros2/": _NODES,
+    **dict.fromkeys(
+        ("systemctl ", "journalctl ", "adduser ", "/opt/rodeo/", "install ", "sudo -u rodeo "), _SYSTEMD
+    ),
+    "python3 -m venv /opt/rodeo": _INSTALLS,
 }
 """The same for all commands that begin so."""
 

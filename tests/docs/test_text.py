@@ -34,7 +34,14 @@ from tests.docs.text import (
 from tests.support import command
 from tests.support.site import LAB
 
-MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
+MADE_BY_THE_READER = {
+    "/etc/rodeo/site.toml",
+    "my-site.toml",
+    "my_bin.py",
+    "photo.jpg",
+    "wheels.jpg",
+    "site.toml",
+}
 MADE_BY_THE_READER |= {"my-site/site.toml", "out/demo/site.toml"}
 """Files of which the text says that the reader brings them or writes them."""
 KINDS = {
@@ -146,7 +153,7 @@ def test_a_command_has_the_options_and_files_that_it_is_told_with(thing: Command
     written_in_full = thing in _WRITTEN
     program, *words = thing.words
     match program:
-        case "rodeo":
+        case "rodeo" | "/opt/rodeo/bin/rodeo":
             check_rodeo(words, written_in_full)
         case "make":
             check_make(words)

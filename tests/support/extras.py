@@ -26,22 +26,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 OWN = {path.parent.name for path in ROOT.glob("*/__init__.py")}
 """The project's own packages."""
 
-EXTRA_OF = {
-    "router": "router",
-    "chain": "chain",
-    "bridge": "bridge",
-    "oracle": "oracle",
-    "itrash": "itrash",
-    "charger": "charger",
-    "console": "console",
-    "ros_dao": "ros-dao",
-    "robot_sim": "robot-sim",
-    "mocap": "mocap",
-    "robot_agent": "robot-agent",
-    "robot_recorder": "robot-recorder",
-}
-"""Process -> its extra."""
-
 OTHER_USES = {
     "rodeo.chain.deployment": {"rodeo"},
     "rodeo.lab.rooms": {"yaml"},

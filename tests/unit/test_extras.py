@@ -8,7 +8,7 @@ import pytest
 
 from rodeo.kinds import GROUP
 from rodeo.site.processes import PROCESSES
-from tests.support.extras import EXTRA_OF, PROJECT, ROOT, closure
+from tests.support.extras import PROJECT, ROOT, closure
 
 KINDS = sorted(one.partition(":")[0] for one in PROJECT["entry-points"][GROUP].values())
 CODE = {
@@ -50,7 +50,7 @@ def imported(extra: str, *modules: str) -> subprocess.CompletedProcess[str]:
 def test_a_process_imports_only_what_its_extra_installs(process) -> None:  # type: ignore[no-untyped-def]
     main = process.module if process.name == "router" else f"{process.module}.process"
     own = [] if process.name in ("router", "chain") else KINDS
-    found = imported(EXTRA_OF[process.name], main, *own, *CODE.get(process.name, ()))
+    found = imported(process.extra, main, *own, *CODE.get(process.name, ()))
     assert found.returncode == 0, found.stderr
 
 
@@ -72,6 +72,7 @@ def test_an_extra_leaves_out_what_its_process_does_not_need(extra: str, never: s
 
 
 def test_every_process_has_an_extra_and_a_site_installs_all_of_them() -> None:
-    assert EXTRA_OF.keys() == {one.name for one in PROCESSES}
-    together = set().union(*(closure(extra) for extra in EXTRA_OF.values()))
+    extras = {one.extra for one in PROCESSES}
+    assert extras <= PROJECT["optional-dependencies"].keys()
+    together = set().union(*map(closure, extras))
     assert together <= closure("site")

@@ -4,11 +4,44 @@ from __future__ import annotations
 
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.site.config import Site
-from rodeo.site.processes import processes_of
+from rodeo.site.faults import faults
+from rodeo.site.processes import hosts_of, processes_of
 from rodeo.site.sections import ChainConfig, OtherBridgeConfig, RosConfig
 from tests.support.site import LAB
 
 SITE = Site.load(LAB)
+
+
+def on_hosts(router: str = "tls/10.0.0.1:7447", **hosts: list[str]) -> Site:
+    bus = SITE.bus.model_copy(update={"router": router})
+    return SITE.model_copy(update={"hosts": hosts, "bus": bus})
+
+
+ALL = [process.name for process in processes_of(SITE)]
+
+
+def test_each_computer_has_its_processes_in_the_tables_order() -> None:
+    assert hosts_of(SITE) == {"": processes_of(SITE)}
+    site = on_hosts(dock=["charger"], office=[name for name in reversed(ALL) if name != "charger"])
+    assert not faults(site)
+    found = {host: [one.name for one in entries] for host, entries in hosts_of(site).items()}
+    assert found == {"dock": ["charger"], "office": [name for name in ALL if name != "charger"]}
+
+
+def test_each_process_is_on_one_computer() -> None:
+    site = on_hosts(dock=["chargr", "oracle"], office=[name for name in ALL if name != "charger"])
+    oracle = site.hosts["office"].index("oracle")
+    assert faults(site) == {
+        ("hosts", "dock", 0): 'this site has no process chargr; is "charger" meant?',
+        ("hosts", "office", oracle): "oracle is on dock already",
+        ("hosts",): "on no computer: charger",
+    }
+
+
+def test_two_computers_have_no_socket_between_them() -> None:
+    hosts = {"dock": ["charger"], "office": [name for name in ALL if name != "charger"]}
+    assert ("hosts",) in faults(on_hosts(SITE.bus.router, **hosts))
+    assert not faults(on_hosts(SITE.bus.router, office=ALL))
 
 
 def test_a_site_of_one_robot_has_one_plain_agent() -> None:

@@ -162,6 +162,8 @@ BEHIND = {
     "rodeo.site.faults": "what no site file may say",
     "rodeo.site.file": "a site's own settings",
     "rodeo.site.names": "names of processes",
+    "rodeo.site.processes": "which processes a site has",
+    "rodeo.site.providers": "which process speaks for a device",
     "rodeo.host.budget": "how often somebody may ask",
     "rodeo.bus.session": "carries messages",
     "rodeo.chain.contracts.abi": "names of what is on chain",

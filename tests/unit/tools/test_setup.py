@@ -166,7 +166,9 @@ def test_system_installs_with_apt_get_only_what_is_missing(machine: Machine) -> 
     assert status == 1 and "Still missing" in said and "Chromium" in said
     assert "rosidl-tools" in done.read_text() and "rosidl-tools" in said
     assert "python3-rospy" in done.read_text() and "ROS 1 is missing" in said
+    assert "systemd" in done.read_text() and "units are not verified" in said
     machine.has("chromium")
+    machine.has("systemd-analyze")
     system_python = machine.folder / "usr" / "bin" / "python3"
     system_python.parent.mkdir(parents=True)
     system_python.write_text("#!/bin/sh\n")
