@@ -99,7 +99,7 @@ class RunningSite:
         """Start processes by name; with `ready`, return when each says that it is."""
         known = {process.name: process for process in processes_of(self.site)}
         for name in names:
-            self.children[name] = self._spawn(name, known[name].module, known[name].arguments)
+            self.children[name] = self.spawn(name, known[name].module, known[name].arguments)
         if ready:
             self.wait_ready(*names)
 
@@ -115,7 +115,7 @@ class RunningSite:
             self.wait_ready(*names)
 
     def deploy_contracts(self) -> None:
-        step = self._spawn("contracts", "deploy.contracts")
+        step = self.spawn("contracts", "deploy.contracts")
         assert step.wait(timeout=HANG_S) == 0, self.log("contracts")
 
     def kill(self, name: str) -> None:
@@ -193,9 +193,10 @@ class RunningSite:
                 raise AssertionError(f"{name} did not stop on SIGTERM\n{self.log(name)}") from None
         self.children.clear()
 
-    def _spawn(
+    def spawn(
         self, name: str, module: str, arguments: tuple[str, ...] = ()
     ) -> subprocess.Popen[bytes] | Fork:
+        """Start a module in a process of its own, whose log is called `name`."""
         logs = self.site.data_dir / "logs"
         logs.mkdir(parents=True, exist_ok=True)
         given = ["--site", str(self.path), *arguments]

@@ -100,11 +100,11 @@ class UnitsOfSite(RunningSite):
         assert all("STOPPING=1" in one.said for one in self._managers.values())
         self._folder.cleanup()
 
-    def _spawn(
+    def spawn(
         self, name: str, module: str, arguments: tuple[str, ...] = ()
     ) -> subprocess.Popen[bytes] | Fork:
         if name not in self._names:
-            return super()._spawn(name, module, arguments)
+            return super().spawn(name, module, arguments)
         folder = Path(self._folder.name)
         self._managers[name] = manager = Manager(folder / name)
         logs = self.site.data_dir / "logs"
