@@ -1,5 +1,5 @@
-"""How quickly a page of the console is there, how soon it shows an event, what twenty open browsers cost, and
-how quick it is with a thousand tasks.
+"""How quickly a page of the console is there, how soon it shows an event, what drawing and twenty open
+browsers cost, and how quick it is with a thousand tasks.
 
 Router, chain, bridge and console run as processes; Chromium is real, and a robot circles on the bus.
 """
@@ -16,8 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+import httpx
 from playwright.sync_api import Browser, Locator, Page
 
+from bench import drawing
 from bench.cpu import cpu_s
 from rodeo.access.accounts import Accounts, accounts_path
 from rodeo.access.roles import Role
@@ -36,6 +38,7 @@ PASSPHRASE = "correct horse battery"
 LOADS = 7
 EVENTS = 40
 BROWSERS = 20
+ROBOTS = (1, 10)
 CPU_S = 20.0
 TASKS = 1_000
 CALLERS = 16
@@ -60,11 +63,13 @@ def run() -> dict[str, float | None]:
     with a thousand tasks, medians from the click to what it asked for: `console_tasks1000_overview_ms`,
     `_list_ms` and `_treasury_ms` (from asking to a page that shows its rows), `_filter_ms`, `_search_ms`
     (with the 300 ms in which people continue typing) and `_next_page_ms`, and `_event_to_page_p95_ms` on the
-    list. A figure is None, and a line says why, where a page did not answer in time or was loaded again."""
-    figures: dict[str, float | None] = {}
+    list; `console_tasks1000_api_p95_ms`, of what pages ask for; and what `bench.drawing` measures with 1 and
+    10 robots. A figure is None, and a line says why, where a page did not answer in time or was loaded
+    again."""
+    figures = _drawing()
     # The views would be drawn by the cores that are measured.
     with chromium(three_d=False) as browser:
-        with _console("eth-tester") as (running, dao, origin), _circling_robot(running):
+        with _console("eth-tester") as (running, dao, origin), _circling_robots(running):
             page = _logged_in(browser, origin)
             figures |= measured(lambda: _interactive_ms(page), "console_interactive_ms")
             figures |= measured(
@@ -85,14 +90,44 @@ def run() -> dict[str, float | None]:
             figures |= measured(
                 lambda: _event_to_list_p95_ms(page, running, dao), "console_tasks1000_event_to_page_p95_ms"
             )
+            figures["console_tasks1000_api_p95_ms"] = _api_p95_ms(running, origin)
     return figures
 
 
+def _drawing() -> dict[str, float | None]:
+    """What drawing costs the browser, with one robot and with ten."""
+    figures: dict[str, float | None] = {}
+    for robots in ROBOTS:
+        with _console("eth-tester", _many_robots(robots)) as (running, _, origin), _circling_robots(running):
+            for three_d in (False, True):
+                with chromium(three_d) as browser:
+                    page = _logged_in(browser, origin)
+                    figures |= drawing.cost(page, robots, three_d)
+                    if len(figures) == 2:
+                        figures |= drawing.once(page)
+    return figures
+
+
+def _many_robots(robots: int) -> str:
+    rows = [
+        f'[[robots]]\nname = "robot{number}"\npose = {{ x_m = {1.5 + 1.4 * number}, y_m = 6.5 }}\n'
+        for number in range(robots)
+    ]
+    return "lab.size_m = [17.0, 8.0]\n" + "".join(rows)
+
+
+def _api_p95_ms(running: RunningSite, origin: str) -> float:
+    accounts = Accounts(accounts_path(running.site), running.site.console)
+    headers = {"Authorization": f"Bearer {accounts.issue_token('ada', 'bench')}"}
+    with httpx.Client(base_url=f"{origin}/api", headers=headers, timeout=60) as client:
+        return drawing.api_p95_ms(client, TASKS)
+
+
 @contextmanager
-def _console(chain: str) -> Iterator[tuple[RunningSite, Dao, str]]:
+def _console(chain: str, extra: str = "") -> Iterator[tuple[RunningSite, Dao, str]]:
     """An organization with its console, and where that is."""
     with tempfile.TemporaryDirectory() as folder:
-        running = RunningSite(write_site(Path(folder), chain))
+        running = RunningSite(write_site(Path(folder), chain, extra))
         dao = Dao(running)
         try:
             dao.start()
@@ -258,20 +293,22 @@ def _many_browsers(browser: Browser, running: RunningSite, origin: str) -> tuple
 
 
 @contextmanager
-def _circling_robot(running: RunningSite) -> Iterator[None]:
-    """Motion capture of the site's first robot at 50 Hz, driving in a circle."""
+def _circling_robots(running: RunningSite) -> Iterator[None]:
+    """Motion capture of the site's robots at 50 Hz, driving in circles."""
     stop = threading.Event()
     node = Node(running.bus.session, "circling", "", running.site.bus.domain_id, WallClock())
-    name = topics.MOCAP_POSE.name(body=running.site.robots[0].name)
-    publisher = node.publisher(name, topics.MOCAP_POSE.type)
+    names = [topics.MOCAP_POSE.name(body=one.name) for one in running.site.robots]
+    publishers = [node.publisher(name, topics.MOCAP_POSE.type) for name in names]
 
     def drive() -> None:
         pose = types.new("geometry_msgs/msg/PoseStamped")
         while not stop.wait(_POSE_S):
             angle = time.monotonic() / 3
-            pose.pose.position.x, pose.pose.position.y = 3.5 + math.cos(angle), 1.5 + math.sin(angle)
             pose.pose.orientation.w, _, _, pose.pose.orientation.z = quaternion_of(angle)
-            publisher.publish(pose)
+            for number, publisher in enumerate(publishers):
+                x_m = 3.5 + 1.2 * number
+                pose.pose.position.x, pose.pose.position.y = x_m + math.cos(angle), 1.5 + math.sin(angle)
+                publisher.publish(pose)
 
     thread = threading.Thread(target=drive, name="circling", daemon=True)
     thread.start()

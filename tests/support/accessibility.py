@@ -58,13 +58,13 @@ def axe_finds_nothing(page: Page) -> None:
     """axe-core finds nothing serious or critical; the page may still be drawn when this is called."""
     if not _AXE.exists():
         pytest.skip("axe-core is missing: make setup")
-    axe = _AXE.read_text()
+    _until_none(page, lambda: axe_faults(page))
 
-    def found() -> list[str]:
-        page.evaluate(f"() => {{ if (!window.axe) {{ {axe}\n }} }}")
-        return list(page.evaluate(_VIOLATIONS))
 
-    _until_none(page, found)
+def axe_faults(page: Page) -> list[str]:
+    """What axe-core finds serious or critical now."""
+    page.evaluate(f"() => {{ if (!window.axe) {{ {_AXE.read_text()}\n }} }}")
+    return list(page.evaluate(_VIOLATIONS))
 
 
 def nothing_is_faint(page: Page) -> None:
