@@ -150,7 +150,7 @@ def robots(site: Site, lab: Json, processes: list[ProcessState], seen: Json) -> 
             RobotState(
                 robot.name, mind.state, mind.soc if mind.soc is not None else at.get("soc"), mind.task_id,
                 place(lab, at["x"], at["y"]) if "x" in at else "not seen",
-                mind.doing or mind.job, mind.eta_s, mind.progress,
+                mind.doing or "–", mind.eta_s, mind.progress,
             )
         )  # fmt: skip
     return found
