@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -84,6 +85,23 @@ def written(site: Site) -> list[Path]:
     if store.scheme == "file" and not Path(unquote(store.path)).is_relative_to(found[0]):
         found.append(Path(unquote(store.path)))
     return found
+
+
+def read(site: Site, path: Path) -> Iterator[Path]:
+    """Files and folders that say what the site is: its file, those that it extends, and what they name."""
+    while True:
+        yield path
+        base = tomllib.loads(path.read_text()).get("extends")
+        if base is None:
+            break
+        path = (path.parent / base).resolve()
+    yield from (robot.kinematics for robot in site.robots if robot.kinematics is not None)
+    named = [dock.meter.model for dock in site.docks if dock.meter.model.endswith(".toml")]
+    named += [one.camera.address for one in site.bins if one.camera.source == "folder"]
+    named += [site.mocap.address] if site.mocap.source == "recorded" else []
+    yield from map(Path, named)
+    # A map names a picture beside it.
+    yield from (Path(room.map).parent for room in site.rooms if room.map is not None)
 
 
 def require_shared_socket(site: Site) -> None:

@@ -23,8 +23,8 @@ OutOption = Annotated[
 PassphraseOption = Annotated[
     Path | None,
     typer.Option(
-        help="File with the passphrase of the keystores. By default /etc/rodeo/ORG.passphrase, on a local "
-        "chain keys/passphrase in the data folder.",
+        help="File with the passphrase of the keystores; by default /etc/rodeo/ORG.passphrase, for units "
+        "of a local chain keys/passphrase in the data folder.",
         metavar="FILE",
     ),
 ]
@@ -55,6 +55,24 @@ def systemd(
     _write(out, files)
     for folder, entries in hosting.by_host(loaded):
         say(f"{out / folder}: {count(len(entries), 'unit')} and {units.target_name(loaded)}")
+
+
+@deploying.command()
+@reports_errors
+def compose(out: OutOption, site: SiteOption = DEFAULT_SITE, passphrase: PassphraseOption = None) -> None:
+    """Write a Dockerfile and a compose file, with a container for each process.
+
+    Put the wheel of RODEO beside them. `docker compose run --rm rodeo site prepare` makes keys and contracts,
+    and `docker compose up --detach` starts the processes.
+    """
+    # Imported here: the other commands need neither.
+    from deploy import containers, hosting
+
+    loaded = hosting.load(site)
+    opened = passphrase or Path("/etc/rodeo") / f"{loaded.org}.{hosting.PASSPHRASE}"
+    _write(out, containers.containers(loaded, site, opened.absolute()))
+    for folder, entries in hosting.by_host(loaded):
+        say(f"{out / folder}: Dockerfile and compose.yaml with {count(len(entries), 'container')}")
 
 
 def _write(out: Path, files: dict[str, str]) -> None:

@@ -114,6 +114,7 @@ BEGINNINGS = {
         ("systemctl ", "journalctl ", "adduser ", "/opt/rodeo/", "install ", "sudo -u rodeo "), _SYSTEMD
     ),
     "python3 -m venv /opt/rodeo": _INSTALLS,
+    "docker ": "needs Docker: tests/unit/deploy/test_containers.py checks the files",
 }
 """The same for all commands that begin so."""
 
