@@ -32,6 +32,7 @@ from rodeo.site.minds import AGENT
 from rodeo.site.processes import processes_of
 from rodeo.site.topics import BODY
 from rodeo_testing.waiting import HANG_S, wait_until
+from services.charger.modbus import MAPS
 from services.robot_sim.camera import RENDERINGS
 from services.robot_sim.urdf import to_urdf
 from tests.support.site import RunningSite, free_port
@@ -41,6 +42,8 @@ REALLAB = ROOT / "deploy" / "sites" / "reallab.toml"
 PROGRAMS = ROOT / "tests" / "reallab"
 _PATHS = (ROOT, PROGRAMS, ROOT / "tests" / "foreign_robot", ROOT / "examples")
 PORTS = ("natnet", "meter", "cells", "camera", "robot")
+FINE = ("resolution_wh = 10.0", "resolution_wh = 0.1")
+"""Steps of an SDM120's register would hide a lie of a fifth in so small a charge."""
 SPEAKERS = (AGENT, "oracle", "charger")
 CABLES = ("meter", "cells", "camera")
 """Devices on TCP whose cables can be pulled. The robot's is between it and the router."""
@@ -48,7 +51,8 @@ CABLES = ("meter", "cells", "camera")
 
 def write_reallab(folder: Path, ports: dict[str, int], extra: str = "") -> Path:
     """The site of `deploy/sites/reallab.toml`, its devices on these ports of loopback."""
-    path = folder / "site.toml"
+    path, meter = folder / "site.toml", folder / "meter.toml"
+    meter.write_text((MAPS / "sdm120.toml").read_text().replace(*FINE))
     path.write_text(
         f"""extends = {json.dumps(str(REALLAB))}
 data_dir = {json.dumps(str(folder / "data"))}
@@ -60,7 +64,7 @@ mocap.settings = {{ local = "127.0.0.1", command_port = {ports["natnet"]} }}
 [[docks]]
 name = "dock1"
 pose = {{ x_m = 3.8, y_m = 4.8, yaw_rad = -1.5708 }}
-meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", model = "sdm120" }}
+meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", model = "meter.toml" }}
 """
     )
     return path

@@ -38,6 +38,10 @@ _LOOK_S = 0.1
 _MOST_BYTES = 65_535
 _BUFFERED_BYTES = 1 << 20
 _ECHO_LATE_NS = 5 * 10**9
+_PERIOD_NS = 100_000_000
+"""Longest time between two frames that follow each other."""
+_STEP_NS = 500_000_000
+"""A clock that jumped by more between two frames was set."""
 
 
 class NatNetSettings(Settings):
@@ -149,8 +153,8 @@ class NatNet:
         self._heard_s = time.monotonic()
         """When the last frame came, or the server was asked anew."""
         self._asked_s = -_ASK_S
-        self._number = -1
-        """Number of the last frame."""
+        self._number, self._exposed_ns = -1, 0
+        """Number of the last frame, and its exposure by Motive's clock."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="natnet", daemon=True)
         self._thread.start()
@@ -260,6 +264,14 @@ class NatNet:
         if seen.number == self._number:
             self._count("a frame twice")
             return
+        exposed_ns = natnet.ticks_ns(seen.exposed, server.clock_hz)
+        passed_ns, frames = exposed_ns - self._exposed_ns, seen.number - self._number
+        if self._number >= 0 and not 0 <= passed_ns <= max(frames, 1) * _PERIOD_NS + _STEP_NS:
+            # What echoes said of it before would make each frame wrong.
+            log.warning("Motive's clock at %s was set", self._host)
+            self._offset.clear()
+            self._asked_s = -_ASK_S
+        self._exposed_ns = exposed_ns
         self._number, self._heard_s = seen.number, time.monotonic()
         if seen.models_changed:
             # Numbers may be others' from now on.

@@ -14,7 +14,7 @@ import pytest
 from rodeo.errors import ConfigError
 from rodeo.host.clock import WallClock
 from rodeo.lab.config import MocapConfig
-from rodeo_testing.waiting import wait_until
+from rodeo_testing.waiting import HANG_S, wait_until
 from services.mocap.sources import Frame, Opening, Pose, chosen_settings, load
 from services.mocap.sources.natnet import NatNet
 
@@ -33,6 +33,7 @@ class Motive:
         self.names = [(1, "panther1"), (2, "Can 1")]
         self.took_ns = 7_000_000
         """From exposure to sending."""
+        self.behind_ns = SERVER_NS
         self.echoes = True
         self.echoed = 0
         self.client: Any = None
@@ -69,7 +70,7 @@ class Motive:
                     self._stream(self.client)
 
     def _ticks(self) -> int:
-        return self._clock.now_ns() - SERVER_NS
+        return self._clock.now_ns() - self.behind_ns
 
     def _answer(self, asked: bytes, client: Any) -> None:
         kind = asked[0]
@@ -164,6 +165,18 @@ def test_the_middle_of_the_exposure_is_told_in_the_sites_time(echoes: bool) -> N
         wait_until(lambda: len(frames) > seen + 1)
         # The clocks are an hour apart.
         assert abs(WallClock().now_ns() - cast(int, frames[-1].time_ns)) < SERVER_NS / 6
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600], ids=["ahead", "back"])
+def test_frames_have_the_sites_time_also_after_motives_clock_was_set(step_s: int) -> None:
+    motive = Motive()
+    with opened(motive, BOTH) as (_source, frames):
+        wait_until(lambda: motive.echoed > 1 and len(frames) > 5)
+        motive.behind_ns -= step_s * 10**9
+        seen = len(frames)
+        wait_until(lambda: len(frames) > seen + 20)
+        now_ns = WallClock().now_ns()
+        assert all(0 <= now_ns - cast(int, one.time_ns) < HANG_S * 10**9 for one in frames)
 
 
 def test_a_body_that_motive_does_not_have_and_a_name_that_is_there_twice_are_named() -> None:
