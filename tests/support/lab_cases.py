@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import tomllib
 from collections.abc import Iterator
@@ -100,12 +99,12 @@ def _judged(lab: RealLab, case: Case, task_id: int) -> str:
     if ended is None:
         return f"task {task_id} does not end: {lab.task(task_id)['state']}"
     task = lab.task(task_id)
-    told = json.dumps([task, ended.model_dump(mode="json"), lab.said(task_id)], default=str)
+    said = lab.said(task_id)
     if case.must == "paid":
         right = ended.name == "TaskSettled" and (task["verdict"], task["attempt"]) == ("accepted", 1)
     else:
-        right = ended.name != "TaskSettled" and case.names in told
-    return "" if right else f"{ended.name}: {told[:1500]}"
+        right = ended.name != "TaskSettled" and case.names in said
+    return "" if right else f"{ended.name}, {task['verdict']}: {said[:1500]}"
 
 
 def _work(lab: RealLab, case: Case) -> int:

@@ -295,9 +295,11 @@ class RealLab:
         return False
 
     def said(self, task_id: int) -> str:
-        """What the processes say of a task, for people."""
+        """Why a task was not paid: the judge's reason, and what processes warn of it."""
         lines = (line for name in SPEAKERS for line in self.running.log(name, 20_000).splitlines())
-        return "\n".join(line for line in lines if f"task {task_id}" in line or f"task-{task_id}" in line)
+        warned = (line for line in lines if " WARNING " in line or " ERROR " in line)
+        mine = [line for line in warned if f"task {task_id}" in line or f"task-{task_id}" in line]
+        return "\n".join([str(self.task(task_id)["reason"] or ""), *mine])
 
     def task(self, task_id: int) -> dict[str, Any]:
         return self.running.bus.query(f"rodeo/{self.site.org}/state/task/{task_id}")
