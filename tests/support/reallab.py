@@ -144,6 +144,8 @@ class RealLab:
         told = measured(self.site, self.ports, urdf) | {"inside": inside}
         self._world_file.write_text(json.dumps(told))
         self._orders = 0
+        self._written: dict[str, int] = {}
+        """Process -> length of its log when the lab was tidy."""
         self._logs = self.site.data_dir / "logs"
         self._logs.mkdir(parents=True, exist_ok=True)
         self._world: subprocess.Popen[bytes] | None = None
@@ -282,6 +284,7 @@ class RealLab:
         for item in self.site.items:
             self.order(item.id)
         self.order("power", "soc", 0.55)
+        self._written = {name: len(self._text(name)) for name in (*SPEAKERS, "mocap", "itrash")}
 
     def sees(self, process: str, holds: Callable[[Status], bool], limit_s: float) -> bool:
         """Whether this holds for the status of the process within the time."""
@@ -295,11 +298,15 @@ class RealLab:
         return False
 
     def said(self, task_id: int) -> str:
-        """Why a task was not paid: the judge's reason, and what processes warn of it."""
-        lines = (line for name in SPEAKERS for line in self.running.log(name, 20_000).splitlines())
-        warned = (line for line in lines if " WARNING " in line or " ERROR " in line)
-        mine = [line for line in warned if f"task {task_id}" in line or f"task-{task_id}" in line]
-        return "\n".join([str(self.task(task_id)["reason"] or ""), *mine])
+        """Why a task was not paid: the judge's reason, and what processes have warned of since `tidy`."""
+        lines = (
+            line for name, size in self._written.items() for line in self._text(name)[size:].splitlines()
+        )
+        warned = [line for line in lines if " WARNING " in line or " ERROR " in line]
+        return "\n".join([str(self.task(task_id)["reason"] or ""), *warned])
+
+    def _text(self, name: str) -> str:
+        return (self._logs / f"{name}.log").read_text(errors="replace")
 
     def task(self, task_id: int) -> dict[str, Any]:
         return self.running.bus.query(f"rodeo/{self.site.org}/state/task/{task_id}")
