@@ -65,14 +65,15 @@ class Base:
         self.speed_m_s, self.turn_rad_s, self.way_m = 0.0, 0.0, 0.0
         self.fastest_m_s, self.fastest_rad_s = SPEED_M_S, TURN_RAD_S
         self.legs: list[tuple[Any, ...]] = []
-        self._parked = False
+        self.parked = False
+        """Whether it leaves where it stands straight back."""
 
     def drive_to(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         begin = (x_m - IN_AND_OUT_M * c, y_m - IN_AND_OUT_M * s)
         self.legs = []
         here = (self.x_m, self.y_m)
-        if self._parked:
+        if self.parked:
             back = math.cos(self.yaw_rad) * IN_AND_OUT_M, math.sin(self.yaw_rad) * IN_AND_OUT_M
             here = (self.x_m - back[0], self.y_m - back[1])
             self.legs.append(("go", *here, -1))
@@ -80,7 +81,7 @@ class Base:
             bearing = math.atan2(begin[1] - here[1], begin[0] - here[0])
             self.legs += [("turn", bearing), ("go", *begin, 1)]
         self.legs += [("turn", yaw_rad), ("go", x_m, y_m, 1)]
-        self._parked = True
+        self.parked = True
 
     def stop(self) -> None:
         self.legs, self.speed_m_s, self.turn_rad_s = [], 0.0, 0.0

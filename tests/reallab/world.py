@@ -37,6 +37,8 @@ from video import Video
 from rodeo_testing.modbus import Panel
 
 TURN_S = 0.02
+NEAR_M = 0.3
+"""So near to where it parks something is ahead of it."""
 FASTEST_M_S, FASTEST_RAD_S = 0.7, 0.9
 """As the robot's owner allows it indoors: its work takes wall time."""
 
@@ -67,12 +69,19 @@ class LabRobot(Robot):
         self.name, self.capacity_ah = robot["name"], told["battery"]["capacity_ah"]
         self._hand = robot["hand"]
         self.base.fastest_m_s, self.base.fastest_rad_s = FASTEST_M_S, FASTEST_RAD_S
+        self._parking = told["parking"]
         self._drawn_s = time.monotonic()
         self._place()
         self._pause = threading.Event()
 
     def _join_lab(self) -> None:
         """There is nobody who would have to be told."""
+
+    def _begin(self, kind: str, goal: Any) -> None:
+        if kind == "drive":
+            here = self.base.x_m, self.base.y_m
+            self.base.parked = any(math.dist(here, place) < NEAR_M for place in self._parking)
+        super()._begin(kind, goal)
 
     def _listen(self) -> float:
         self._pause.wait(TURN_S)

@@ -104,6 +104,7 @@ def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
             "idle_w": battery.idle_power_w,
             "soc": battery.soc,
         },
+        "parking": [(one.x_m, one.y_m) for one in (parking, bin_.parking)],
         "dock": {
             "x_m": parking.x_m,
             "y_m": parking.y_m,
