@@ -33,7 +33,7 @@ class Video:
                 self.end_headers()
                 pause = threading.Event()
                 while True:
-                    data = video._frame()
+                    data = video.frame()
                     told = f"X-Timestamp: {time.time() + video.ahead_s:.3f}\r\nContent-Length: {len(data)}"
                     head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\n{told}\r\n\r\n"
                     try:
@@ -50,7 +50,7 @@ class Video:
         self._server.daemon_threads = True
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
-    def _frame(self) -> bytes:
+    def frame(self) -> bytes:
         """No two pictures of a sensor are equal: here a comment in the file counts them."""
         if not self.frozen or not self._last:
             self._count += 1

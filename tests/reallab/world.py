@@ -17,6 +17,7 @@ import json
 import math
 import os
 import queue
+import signal
 import sys
 import threading
 import time
@@ -77,14 +78,10 @@ class LabRobot(Robot):
     def _join_lab(self) -> None:
         """There is nobody who would have to be told."""
 
-    def _begin(self, kind: str, goal: Any) -> None:
-        if kind == "drive":
-            here = self.base.x_m, self.base.y_m
-            self.base.parked = any(math.dist(here, place) < NEAR_M for place in self._parking)
-        super()._begin(kind, goal)
-
     def _listen(self) -> float:
         self._pause.wait(TURN_S)
+        here = self.base.x_m, self.base.y_m
+        self.base.parked = any(math.dist(here, place) < NEAR_M for place in self._parking)
         while not self._inbox.empty():
             self._begin(*self._inbox.get())
         return time.time()
@@ -185,7 +182,7 @@ class World:
         for line in sys.stdin:
             self.orders.put(json.loads(line))
         # Nobody is there any more.
-        os._exit(0)
+        os.kill(os.getpid(), signal.SIGTERM)
 
     def run(self) -> None:
         threading.Thread(target=self.listen, daemon=True).start()
