@@ -67,10 +67,12 @@ class Base:
         self.legs: list[tuple[Any, ...]] = []
         self.parked = False
         """Whether it leaves where it stands straight back."""
+        self.straight_m = IN_AND_OUT_M
+        """How far it drives straight at the end of a way."""
 
     def drive_to(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        begin = (x_m - IN_AND_OUT_M * c, y_m - IN_AND_OUT_M * s)
+        begin = (x_m - self.straight_m * c, y_m - self.straight_m * s)
         self.legs = []
         here = (self.x_m, self.y_m)
         if self.parked:

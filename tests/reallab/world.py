@@ -31,7 +31,7 @@ from cable import Cable
 from cells import Cells
 from motive import Motive
 from power import Power
-from robot import Robot
+from robot import IN_AND_OUT_M, Robot
 from things import Things
 from video import Video
 
@@ -80,11 +80,20 @@ class LabRobot(Robot):
 
     def _listen(self) -> float:
         self._pause.wait(TURN_S)
-        here = self.base.x_m, self.base.y_m
-        self.base.parked = any(math.dist(here, place) < NEAR_M for place in self._parking)
         while not self._inbox.empty():
-            self._begin(*self._inbox.get())
+            kind, goal = self._inbox.get()
+            if kind == "drive":
+                self._prepare(goal.request.pose.pose.position)
+            self._begin(kind, goal)
         return time.time()
+
+    def _prepare(self, goal: Any) -> None:
+        """Drive straight into and out of bin and dock alone: elsewhere something may be behind it."""
+        self.base.parked = self._parks(self.base.x_m, self.base.y_m)
+        self.base.straight_m = IN_AND_OUT_M if self._parks(goal.x, goal.y) else 0.0
+
+    def _parks(self, x_m: float, y_m: float) -> bool:
+        return any(math.dist((x_m, y_m), place) < NEAR_M for place in self._parking)
 
     def _tell_the_lab(self) -> None:
         things, now_s = self._things, time.time()
