@@ -12,6 +12,8 @@ import typer
 from rodeo.errors import ConfigError
 from rodeo.host.clock import WallClock
 from rodeo.host.stamps import stamp_s
+from rodeo.ros2 import readings
+from rodeo.ros2.readings import Unknown
 from rodeo.site import topics
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -91,9 +93,11 @@ def _keeps(yaws: list[tuple[float, float]], part: Callable[[Any], Any]) -> Calla
     """A callback that keeps stamp and yaw of each message."""
 
     def keep(message: Any, _info: Any) -> None:
-        turn = part(message).orientation
+        try:
+            turn = readings.pose(part(message)).orientation
+        except Unknown:
+            return
         yaw = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
-        if math.isfinite(yaw):
-            yaws.append((stamp_s(message.header.stamp), yaw))
+        yaws.append((stamp_s(message.header.stamp), yaw))
 
     return keep

@@ -22,6 +22,7 @@ BY_THE_DOOR = {
     "rodeo/robot/ros_body.py": {"battery", "joints", "pose", "without_effort"},
     "rodeo/robot/wrist_camera.py": {"depth_m", "intrinsics"},
     "rodeo_experiments/lab.py": {"pose"},
+    "rodeo_cli/mocap.py": {"pose"},
     "services/charger/job.py": {"power"},
     "services/charger/terminals.py": {"power", "why_unknown"},
     "services/console/live.py": {"battery", "pose", "positions"},
