@@ -187,27 +187,31 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
         if away_m(body, item, own_s).min() > reaches_m:
             continue
         body_m_s = _fastest_m_s(body, own_s, item_m)
-        lies, lies_s, unseen_s = _pushable(item, begin_s, own_s, body_m_s)
+        lies, lies_s, unseen_s = _pushable(item, (begin_s, end_s), own_s, body_m_s)
         nearest_m = min(away_m(body, lies, lies_s).min(), away_m(body, item, unseen_s).min(initial=np.inf))
         if nearest_m <= at_m or item_m_s <= FLUNG * body_m_s:
             return False
     return True
 
 
-def _pushable(item: Pose, begin_s: float, at_s: Array, body_m_s: float) -> tuple[Pose, Array, Array]:
+def _pushable(
+    item: Pose, moves_s: tuple[float, float], at_s: Array, body_m_s: float
+) -> tuple[Pose, Array, Array]:
     """The item as it lay before it moved, until when that may have begun, and when what goes so fast may have
     pushed it unseen, of these times (n,).
 
     What it meets later did not set it in motion, even if it flies there in less than a look. Unseen, it may
-    have begun to move at any time until it was seen again.
+    have begun to move at any time until it was seen again. Where it came to rest nothing pushed it there.
     """
+    begin_s, end_s = moves_s
     begun_s = max([until_s for from_s, until_s in item.unseen_s if from_s <= begin_s], default=0.0)
     until = item.time_s <= begin_s
     lies = Pose(item.time_s[until], item.position_m[until], item.quaternion[until])
     pushed_s = tuple(
         span_s
         for span_s in item.unseen_s
-        if _way_m(item, span_s) <= PUSHED * body_m_s * (span_s[1] - span_s[0])
+        if span_s[0] < end_s + HALF_WINDOW_S
+        and _way_m(item, span_s) <= PUSHED * body_m_s * (span_s[1] - span_s[0])
     )
     unseen_s = np.setdiff1d(at_s, _seen(at_s, replace(item, unseen_s=pushed_s)))
     return lies, at_s[at_s <= max(begin_s + _LOOK_S, begun_s)], unseen_s

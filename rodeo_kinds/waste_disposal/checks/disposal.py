@@ -432,7 +432,10 @@ def stays_in_bin(case: Case) -> Finding:
     if taken is not None and taken.outcome == "rejected":
         return taken
     if case.mocap and (left := _left(case, compartment, settled_s + CLOCKS_S)) != compartment:
-        return standing(_elsewhere(case, left or "left it", compartment))
+        found = _elsewhere(case, left or "left it", compartment)
+        # The bin says until when it fell; since when is the replay's word, which doubted poses move.
+        strayed = drop is not None and _strayed(case, compartment, settled_s + CLOCKS_S) != compartment
+        return standing(found) if strayed or _outside_at_last(case) else found
     if drop is not None and end_s - settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
         return at_least(
             end_s - settled_s,
@@ -535,10 +538,16 @@ def _end(case: Case, wanted: str, settled_s: float) -> str:
 
 def _left(case: Case, wanted: str, settled_s: float) -> str | None:
     """Where the item was seen first that is not there from the drop on; None for nowhere in the bin."""
-    item, layout = pose_of(case, case.item.id), BinLayout(case.bin)
-    names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
-    names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
+    layout, strayed = BinLayout(case.bin), _strayed(case, wanted, settled_s)
+    names = [strayed, *(_fallen_into(case, layout, place) for place in _falling(case, settled_s))]
     return next((name for name in names if name not in (wanted, _ABOVE)), wanted)
+
+
+def _strayed(case: Case, wanted: str, settled_s: float) -> str | None:
+    """The same of what is in there, whenever it fell."""
+    item, layout = pose_of(case, case.item.id), BinLayout(case.bin)
+    names = (_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s])
+    return next((name for name in names if name != wanted), wanted)
 
 
 def _outside_at_last(case: Case) -> bool:
