@@ -88,8 +88,8 @@ class Run:
 
     take: Take
     chain_record: ChainRecord
-    edits: list[Callable[[Attestation], Attestation | None]]
-    """What the recorder makes of statements, in turn."""
+    edits: list[Callable[[int, Attestation], Attestation | None]]
+    """What the recorder makes of statements, in turn; each has its number among all that were said."""
     files: list[FileEdit]
     """The same of the sealed file's messages."""
 
@@ -128,10 +128,13 @@ class Fuzzed:
         for change in self.changes:
             change.apply(run)
 
+        numbers = itertools.count()
+
         def edit(one: Attestation) -> Attestation | None:
+            number = next(numbers)
             kept: Attestation | None = one
             for change in run.edits:
-                kept = None if kept is None else change(kept)
+                kept = None if kept is None else change(number, kept)
             return kept
 
         witnesses = Witnesses(edit=edit, charge=Sides(keep=edit))
@@ -339,10 +342,8 @@ def _statement(rng: Rng) -> Change:
     seed, at, again = int(rng.integers(2**32)), int(rng.integers(60)), rng.random() < 0.6
 
     def apply(run: Run) -> None:
-        number = itertools.count()
-
-        def edit(one: Attestation) -> Attestation | None:
-            if next(number) != at:
+        def edit(number: int, one: Attestation) -> Attestation | None:
+            if number != at:
                 return one
             payload = odd_object(np.random.default_rng(seed), one.payload)
             with suppress(BadAttestation):
@@ -353,8 +354,7 @@ def _statement(rng: Rng) -> Change:
         run.edits.append(edit)
 
     def leave_out(run: Run) -> None:
-        number = itertools.count()
-        run.edits.append(lambda one: None if next(number) == at else one)
+        run.edits.append(lambda number, one: None if number == at else one)
 
     under = "its key" if again else "the old signature"
     words = f"an odd statement {at} ({seed}) under {under}"
