@@ -12,6 +12,11 @@ pytestmark = pytest.mark.long
 
 SEEDS = 60
 AT_ONCE = 10
+FOUND = {
+    "6ce8bd95a1937f874db23262a09f03a82dc70cf0:176": "a kicked item rests unseen for a moment beside the base",
+    "6ce8bd95a1937f874db23262a09f03a82dc70cf0:602": "motion capture is off, and the replay drops the item",
+}
+"""Seeds with which an honest robot was fined once."""
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +30,12 @@ def test_what_another_party_does_fines_nobody(films: list[Film], first: int) -> 
         fault, report = disturbed(f"test:{number}", films)
         assert report.outcome != "rejected", f"seed {number}: {fault.words}: {report.reason}"
         assert report.accepted or not fault.decided, f"seed {number}: {fault.words}: {report.reason}"
+
+
+@pytest.mark.parametrize("seed", FOUND, ids=FOUND.values())
+def test_what_fined_an_honest_robot_once_fines_none(films: list[Film], seed: str) -> None:
+    fault, report = disturbed(seed, films)
+    assert report.outcome == "undecided", f"{fault.words}: {report.reason}"
 
 
 def test_a_seed_stands_for_one_fault(films: list[Film]) -> None:

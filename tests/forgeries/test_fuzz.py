@@ -38,6 +38,16 @@ def test_a_seed_stands_for_the_same_changes() -> None:
     assert len({fuzzed(seed).words for seed in seeds}) > 90
 
 
+def test_a_statement_that_is_left_out_shifts_no_other(shops: Shops) -> None:
+    drawn = fuzzed("6ce8bd95a1937f874db23262a09f03a82dc70cf0:215")
+    assert [change.words[:22] for change in drawn.changes] == [
+        "an odd statement 8 (36",
+        "an odd statement 29 (2",
+        "an odd statement 8 (40",
+    ]
+    assert drawn.wrong(shops) is None
+
+
 def test_what_raises_unforeseen_is_found_and_minimized(shops: Shops, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_sequences: object) -> Tally:
         raise ZeroDivisionError
