@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ from rodeo_cli import app
 from tests.support.extras import PROJECT
 from tests.support.site import LAB, write_site
 
-SCHEMA = json.loads((Path(__file__).parents[2] / "support" / "compose-spec.json").read_text())
-"""The Compose Specification's own (Apache-2.0), as the package check-jsonschema 0.39.0 carries it."""
+SCHEMA = json.loads(
+    (files("check_jsonschema") / "builtin_schemas" / "vendor" / "compose-spec.json").read_text()
+)
+"""The Compose Specification's own."""
 REAL = """
 clock.source = "wall"
 chain.secret_file = "node-key"
