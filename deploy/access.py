@@ -29,7 +29,7 @@ from rodeo.dao import ORGANIZATION
 from rodeo.lab.config import RobotConfig
 from rodeo.ros2.definitions import dds_type
 from rodeo.runtime.serving import served_by
-from rodeo.site import topics
+from rodeo.site import sections, topics
 from rodeo.site.config import Site
 from rodeo.site.minds import AGENT
 from rodeo.site.names import BRIDGE, body_identity, node_identity, robot_process
@@ -44,6 +44,8 @@ _CALLERS: dict[str, str] = {
     topics.FOLLOW_JOINT_TRAJECTORY.key: AGENT,
     topics.GRIPPER_CMD.key: AGENT,
     topics.MOTOR_POWER.key: AGENT,
+    sections.GRIPPER_TRAJECTORY.key: AGENT,
+    **dict.fromkeys((sections.STOP_TRIGGER.key, sections.STOP_RESET.key), RECORDER),
     # Whoever stops another owner's robot, or lets it continue, decides over its work.
     topics.EMERGENCY_STOP.key: RECORDER,
     # Only the mind says what it does, and what its robot signs.
@@ -59,6 +61,8 @@ _CALLERS: dict[str, str] = {
     topics.ROS_DO_TASK.key: "ros_dao",
 }
 """The one process that uses a service or action which moves or switches something."""
+
+_KEYS = (*TOPICS, *sections.INSTEAD)
 
 _PARAMETERS = {
     "describe_parameters": "rcl_interfaces/srv/DescribeParameters",
@@ -148,7 +152,7 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
         key = f"{site.bus.domain_id}/{site.mocap.address.replace('{body}', '**')}/**"
         yield from (key, f"{key}/@adv/**")
     roles = _roles(site, process)
-    for topic in TOPICS:
+    for topic in _KEYS:
         if topic is topics.SERVES:
             # Nobody keeps another from its work by claiming it.
             for what, name in served_by(site, process):
@@ -165,12 +169,12 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
     roles = _roles(site, process)
     if _job(process) in (BODY, DRIVER, NODE):
         yield from _parameters_of(site, process)
-        for topic in TOPICS:
+        for topic in _KEYS:
             own = topic.writer == BODY and topic.form is not Form.TOPIC
             if own if _job(process) == BODY else _CALLERS.get(topic.key) in roles:
                 yield from _asked_keys(site, topic, process)
         return
-    for topic in TOPICS:
+    for topic in _KEYS:
         if topic.key == topics.COMMAND.key:
             for participant, command in _commands_of(site, process):
                 yield topics.COMMAND.name(org=site.org, participant=participant, command=command)

@@ -39,8 +39,10 @@ from rodeo.ros2.errors import (
 )
 from rodeo.ros2.node import Node
 from rodeo.ros2.readings import MOST_PUBLISHERS, SILENT_WALL_S, Unknown
+from rodeo.ros2.service import Client
 from rodeo.site import topics
 from rodeo.site.config import Site
+from rodeo.site.sections import GRIPPER_TRAJECTORY, STOP_RESET, STOP_TRIGGER, interface_of
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +56,10 @@ _LASTING_S = 2.0
 _CLOCK_BEHIND_S = 1.0
 """Site time by which a simulated clock is heard late at most: no stamp is believed that is further ahead."""
 _GOAL_TIME_TOLERANCE_S = 3
+_GRIP_S = 1.0
+"""For a gripper that follows trajectories: time to close or open."""
+STALLED_M = 0.001
+"""A finger so far from where it was sent has met something."""
 NOTHING_HELD_M = GRIPPER_CLOSED_M + 0.001
 OPEN_ENOUGH_M = GRIPPER_OPEN_M - 0.004
 
@@ -273,6 +279,72 @@ class Gauge(Latest):
         return said.soc if math.isnan(self._soc) else self._soc
 
 
+class Switches:
+    """The services by which a body holds still (`sections.InterfaceConfig`), and `power` of its motors."""
+
+    def __init__(self, node: Node, robot: RobotConfig) -> None:
+        self.power = node.client(topics.MOTOR_POWER.name(ns=robot.namespace), topics.MOTOR_POWER.type)
+        self._calls: dict[bool, tuple[Client, Any]] = {}
+        """Whether to engage it -> whom to ask, and what."""
+        if interface_of(robot).emergency_stop == "husarion":
+            for engage, one in ((True, STOP_TRIGGER), (False, STOP_RESET)):
+                client = node.client(one.name(ns=robot.namespace), one.type)
+                self._calls[engage] = client, types.new(f"{one.type}_Request")
+            return
+        topic = topics.EMERGENCY_STOP
+        client = node.client(topic.name(ns=robot.namespace), topic.type)
+        for engage in (True, False):
+            self._calls[engage] = client, types.new(f"{topic.type}_Request", data=engage)
+
+    def stop(self, engage: bool) -> None:
+        """Hold still, or let go. A body without that service is only told to stop."""
+        client, request = self._calls[engage]
+        if not client.wait_for_server(0.0):
+            return
+        try:
+            answer = client.call(request)
+        except Ros2Error as error:
+            log.warning("the emergency stop does not answer: %s", error)
+            return
+        if not answer.success:
+            log.warning("the emergency stop was not %s: %s", "set" if engage else "released", answer.message)
+
+
+class Gripper:
+    """The fingers' controller (`sections.InterfaceConfig`), as goals and results of an action."""
+
+    def __init__(self, node: Node, robot: RobotConfig, fingers: tuple[str, str], clock: Clock) -> None:
+        self._fingers = fingers
+        self.follows = interface_of(robot).gripper == "trajectory"
+        """Whether it follows trajectories, and says nothing of its own of what it holds."""
+        action = GRIPPER_TRAJECTORY if self.follows else topics.GRIPPER_CMD
+        self.client = ActionClient(node, action.name(ns=robot.namespace), action.type, clock=clock)
+
+    def goal(self, position_m: float, force_n: float) -> Any:
+        """To move each finger to `position_m` from the middle."""
+        if not self.follows:
+            command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
+            return types.new(f"{topics.GRIPPER_CMD.type}_Goal", command=command)
+        until = types.duration_message(round(_GRIP_S * 1e9))
+        point = types.new(
+            "trajectory_msgs/msg/JointTrajectoryPoint",
+            positions=np.array([position_m, -position_m]),
+            time_from_start=until,
+        )
+        message = types.new(
+            "trajectory_msgs/msg/JointTrajectory", joint_names=list(self._fingers), points=[point]
+        )
+        tolerance = types.new("builtin_interfaces/msg/Duration", sec=_GOAL_TIME_TOLERANCE_S)
+        return types.new(f"{GRIPPER_TRAJECTORY.type}_Goal", trajectory=message, goal_time_tolerance=tolerance)
+
+    def ended(self, result: Any) -> Grip:
+        """How a command ended, by the result of a gripper that says so. Raises MotionFailed."""
+        try:
+            return Grip(readings.JOINT.known(result.position), bool(result.stalled))
+        except Unknown as error:
+            raise MotionFailed(f"the gripper does not say where its fingers are: {error.message}") from error
+
+
 class RosBody:
     """What a robot tells of itself over ROS 2, and the motions that it offers.
 
@@ -307,16 +379,14 @@ class RosBody:
         )
         self._clock = clock
         self._docks = site.docks
-        self._navigate, self._follow, self._grip = (
+        self._navigate, self._follow = (
             ActionClient(node, action.name(**names), action.type, clock=clock)
-            for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
+            for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY)
         )
+        self._gripper = Gripper(node, robot, arm.fingers, clock)
         self._moved_s = -math.inf
         """Site time at which the last motion ended."""
-        self._clients = {
-            service: node.client(service.name(**names), service.type)
-            for service in (topics.EMERGENCY_STOP, topics.MOTOR_POWER)
-        }
+        self._switches = Switches(node, robot)
         self._powered: bool | None = None
         """As the body confirmed it last; None before it did."""
         self._said_unswitched = False
@@ -402,18 +472,11 @@ class RosBody:
 
     def emergency_stop(self, engage: bool) -> None:
         """Have the body itself hold still, or let go. A body without that service is only told to stop."""
-        if not self._clients[topics.EMERGENCY_STOP].wait_for_server(0.0):
-            return
-        try:
-            self._clients[topics.EMERGENCY_STOP].call(
-                types.new(f"{topics.EMERGENCY_STOP.type}_Request", data=engage)
-            )
-        except Ros2Error as error:
-            log.warning("the emergency stop does not answer: %s", error)
+        self._switches.stop(engage)
 
     def switch_off(self) -> None:
         """Cut the motors' power. A body without that service keeps it, which is said once."""
-        if self._clients[topics.MOTOR_POWER].wait_for_server(0.0):
+        if self._switches.power.wait_for_server(0.0):
             self._switch(False)
         elif not self._said_unswitched:
             self._said_unswitched = True
@@ -421,7 +484,7 @@ class RosBody:
 
     def switch_on(self) -> bool:
         """Give the motors power, unless they are known to have it; whether they have it only now."""
-        if self._powered or not self._clients[topics.MOTOR_POWER].wait_for_server(0.0):
+        if self._powered or not self._switches.power.wait_for_server(0.0):
             return False
         return self._switch(True)
 
@@ -429,9 +492,7 @@ class RosBody:
         """Whether the body did it. Work continues either way: what needs power fails by itself."""
         self._powered = None
         try:
-            reply = self._clients[topics.MOTOR_POWER].call(
-                types.new(f"{topics.MOTOR_POWER.type}_Request", data=on)
-            )
+            reply = self._switches.power.call(types.new(f"{topics.MOTOR_POWER.type}_Request", data=on))
         except Ros2Error as error:
             log.warning("the motors were not switched %s: %s", "on" if on else "off", error)
             return False
@@ -443,13 +504,17 @@ class RosBody:
 
     def grip(self, position_m: float, force_n: float) -> Grip:
         """Move each finger to `position_m` from the middle, pushing with at most `force_n`."""
-        command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
-        goal = types.new(f"{topics.GRIPPER_CMD.type}_Goal", command=command)
-        result = self._execute(self._grip, lambda: goal)
+        goal = self._gripper.goal(position_m, force_n)
         try:
-            return Grip(readings.JOINT.known(result.position), bool(result.stalled))
-        except Unknown as error:
-            raise MotionFailed(f"the gripper does not say where its fingers are: {error.message}") from error
+            result = self._execute(self._gripper.client, lambda: goal)
+        except MotionFailed as error:
+            # A controller of trajectories gives up where something is between the fingers.
+            if not self._gripper.follows or not isinstance(error.__cause__, GoalAborted):
+                raise
+        if not self._gripper.follows:
+            return self._gripper.ended(result)
+        reached_m = self.joints().gripper_m
+        return Grip(reached_m, abs(reached_m - position_m) > STALLED_M)
 
     def _execute(
         self,

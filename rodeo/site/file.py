@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -21,6 +21,12 @@ from rodeo.lab.config import (
 )
 from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.site import endpoint, sections
+
+if TYPE_CHECKING:
+    # The lab's modules take lists of these, and a list of something more is another type.
+    from rodeo.lab.config import RobotConfig as SiteRobot
+else:
+    from rodeo.site.sections import SiteRobot
 
 ANSWER_WALL_S = 5.0
 """Wall time in which a process hears of an assignment and has given it back, on a slow machine."""
@@ -66,7 +72,7 @@ class SiteFile(BaseModel):
     rooms: list[RoomConfig] = []
     """Walls with doors inside the lab; they are furniture of it once the site is loaded."""
     places: list[PlaceConfig] = []
-    robots: list[RobotConfig]
+    robots: list[SiteRobot]
     items: list[ItemConfig] = []
     participants: list[sections.ParticipantConfig] = []
     ros: list[sections.RosConfig] = []

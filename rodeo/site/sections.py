@@ -21,9 +21,11 @@ from pydantic import (
 )
 
 from rodeo.errors import unreadable
+from rodeo.lab.config import RobotConfig
 from rodeo.money.currency import IEC, MAX_DECIMALS, MIN_DECIMALS, Currency
 from rodeo.money.rewards import Rise
 from rodeo.site import endpoint
+from rodeo.site.topics import BODY, FOLLOW_JOINT_TRAJECTORY, Form, Plane, Topic
 from rodeo.text import redaction
 from rodeo.text.addresses import typed_address
 
@@ -188,6 +190,46 @@ class ChainConfig(_Table):
     def shown_url(self) -> str:
         """`url` for people, without what may be secret."""
         return redaction.shown(self.url)
+
+
+class InterfaceConfig(_Table):
+    """What a robot's ROS 2 nodes offer in place of what the table of keys says."""
+
+    gripper: Literal["gripper_command", "trajectory"] = "gripper_command"
+    """`gripper_command`: `{ns}/gripper_controller/gripper_cmd`. `trajectory`: the controller of a trajectory,
+    `{ns}/gripper_controller/follow_joint_trajectory`, which takes both fingers' positions and no force."""
+    emergency_stop: Literal["set_bool", "husarion"] = "set_bool"
+    """`set_bool`: `{ns}/emergency_stop`. `husarion`: the two triggers of Husarion's robots,
+    `{ns}/hardware/e_stop_trigger` and `{ns}/hardware/e_stop_reset`."""
+
+
+class SiteRobot(RobotConfig):
+    """A robot of the site, with what its driver offers. No check reads `interface`."""
+
+    interface: InterfaceConfig = InterfaceConfig()
+    """What a robot with ROS 2 offers where it is not what the table of keys says."""
+
+
+TRIGGER = "std_srvs/srv/Trigger"
+GRIPPER_TRAJECTORY = Topic(
+    "{ns}/gripper_controller/follow_joint_trajectory",
+    FOLLOW_JOINT_TRAJECTORY.type,
+    Form.ACTION,
+    Plane.ROBOT,
+    None,
+    BODY,
+)
+STOP_TRIGGER, STOP_RESET = (
+    Topic(f"{{ns}}/hardware/e_stop_{what}", TRIGGER, Form.SERVICE, Plane.ROBOT, None, BODY)
+    for what in ("trigger", "reset")
+)
+INSTEAD = (GRIPPER_TRAJECTORY, STOP_TRIGGER, STOP_RESET)
+"""What a robot may offer in place of keys of the table."""
+
+
+def interface_of(robot: RobotConfig) -> InterfaceConfig:
+    """What its driver offers."""
+    return robot.interface if isinstance(robot, SiteRobot) else InterfaceConfig()
 
 
 class FromHour(_Table):

@@ -8,7 +8,7 @@ import zenoh
 
 from deploy.access import access_control, everybody
 from rodeo.lab.config import MeterConfig, Pose2, RobotConfig
-from rodeo.site import topics
+from rodeo.site import sections, topics
 from rodeo.site.config import Site
 from rodeo.site.names import body_identity, node_identity, oracle_process, robot_process
 from rodeo.site.sections import JudgeConfig, OtherBridgeConfig, RosConfig
@@ -256,10 +256,14 @@ MINDS = {"panther1": "node.panther1", "panther2": "node.anna-2"}
 @pytest.mark.parametrize("robot", MINDS)
 def test_nodes_that_are_a_mind_move_their_own_body_and_ask_its_recorder_and_nobody_elses(robot: str) -> None:
     mind, recorder = MINDS[robot], f"robot_recorder.{robot}"
-    for topic in BODYS:
+    stops = (topics.EMERGENCY_STOP, sections.STOP_TRIGGER, sections.STOP_RESET)
+    for topic in (*BODYS, *sections.INSTEAD):
         key = f"0/{topic.name(ns=robot)}/x/y"
         asks = {name for name in everybody(MINDED) if may(MINDED, name, "asks", key)}
-        moves = recorder if topic is topics.EMERGENCY_STOP else mind
+        moves = recorder if topic in stops else mind
+        assert [name for name in everybody(MINDED) if may(MINDED, name, "writes", key)] == [
+            body_identity(robot)
+        ]
         assert asks == {moves, body_identity(robot), "operator", "console"}, topic.key
     for topic in (topics.START_RECORDING, topics.PRESENT, topics.STOP_RECORDING):
         key = f"0/{topic.name(ns=robot)}/x/y"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +17,7 @@ from rodeo.bus.session import zenoh_config
 from rodeo.host.clock import WallClock
 from rodeo.host.stamps import set_stamp
 from rodeo.lab.config import Pose2, PosturesConfig
+from rodeo.lab.world import arm_model
 from rodeo.robot.arm import Trajectory
 from rodeo.robot.errors import BodySilent, MotionFailed, NoAnswer, Stopped
 from rodeo.robot.interrupts import Interrupts
@@ -202,6 +204,72 @@ def test_the_arm_is_planned_from_where_it_is(make_node: Any, body: RosBody) -> N
         1,
         500_000_000,
     )
+
+
+@pytest.fixture
+def other(make_node: Callable[[str], Node], tmp_path: Path) -> RosBody:
+    """A robot with the emergency stop of Husarion's, and a gripper that follows trajectories."""
+    interface = 'interface = { gripper = "trajectory", emergency_stop = "husarion" }'
+    path = tmp_path / "site.toml"
+    path.write_text(
+        f'extends = "{LAB}"\n[[robots]]\nbody = "ros2"\npose = {{ x_m = 1.4, y_m = 1.3 }}\n{interface}\n'
+    )
+    site = Site.load(path)
+    return RosBody(make_node("agent"), site, site.robots[0], WallClock(), Interrupts())
+
+
+def test_a_stop_by_two_triggers_is_set_by_one_and_released_by_the_other(
+    make_node: Any, other: RosBody
+) -> None:
+    called: list[str] = []
+    driver = make_node("driver")
+    for name in ("trigger", "reset"):
+
+        def answer(_request: Any, name: str = name) -> Any:
+            called.append(name)
+            return types.new("std_srvs/srv/Trigger_Response", success=True)
+
+        driver.service(f"panther1/hardware/e_stop_{name}", "std_srvs/srv/Trigger", answer)
+    wait_until(lambda: other.emergency_stop(True) or "trigger" in called)
+    wait_until(lambda: other.emergency_stop(False) or "reset" in called)
+    assert set(called[: called.index("reset")]) == {"trigger"}
+
+
+@pytest.mark.parametrize(
+    ("fingers_m", "aborts", "stalled"), [(0.03, True, True), (0.03, False, True), (0.0205, False, False)]
+)
+def test_a_gripper_that_follows_trajectories_holds_what_keeps_it_from_closing(
+    make_node: Any, other: RosBody, fingers_m: float, aborts: bool, stalled: bool
+) -> None:
+    got: list[Any] = []
+    driver, done = make_node("driver"), threading.Event()
+    states = driver.publisher("panther1/joint_states", "sensor_msgs/msg/JointState")
+    names = [*arm_model(None).joints, "left_finger", "right_finger"]
+
+    def publish() -> None:
+        while not done.wait(0.02):
+            message = types.new("sensor_msgs/msg/JointState", name=names)
+            message.position = np.array([0.0] * (len(names) - 2) + [fingers_m, -fingers_m])
+            message.effort = np.zeros(len(names))
+            set_stamp(message, time.time_ns())
+            states.publish(message)
+
+    def close(goal: ServerGoal) -> None:
+        got.append(goal.request.trajectory)
+        (goal.abort if aborts else goal.succeed)(types.new(f"{FOLLOW}_Result"))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        ActionServer(driver, "panther1/gripper_controller/follow_joint_trajectory", FOLLOW, close)
+        grip = other.grip(0.02, 5.0)
+    finally:
+        done.set()
+        thread.join()
+    (trajectory,) = got
+    assert trajectory.joint_names == ["left_finger", "right_finger"]
+    assert list(trajectory.points[-1].positions) == [0.02, -0.02]
+    assert (grip.position_m, grip.stalled) == (pytest.approx(fingers_m), stalled)
 
 
 def test_the_gripper_says_how_it_ended(make_node: Any, body: RosBody) -> None:
