@@ -64,12 +64,15 @@ def containers(site: Site, path: Path, passphrase: Path) -> dict[str, str]:
     return written
 
 
+_DOLLARS = str.maketrans({"$": "$$"})
+
+
 def _doubled(part: Any) -> Any:
     if isinstance(part, dict):
         return {name: _doubled(one) for name, one in part.items()}
     if isinstance(part, list):
         return [_doubled(one) for one in part]
-    return part.replace("$", "$$") if isinstance(part, str) else part
+    return part.translate(_DOLLARS) if isinstance(part, str) else part
 
 
 def _dockerfile(site: Site, entries: Iterable[ProcessEntry]) -> str:

@@ -266,7 +266,7 @@ class RealLab:
         pose = next(one.pose for one in self.site.items if one.id == item_id)
         params = {"item_id": item_id, "x_m": pose.x_m, "y_m": pose.y_m}
         request = {"kind": "waste_disposal", "reward_iec": "100", "params": params, "max_attempts": 1}
-        key = f"rodeo/{self.site.org}/wallet/organization/register_task"
+        key = topics.COMMAND.name(org=self.site.org, participant="organization", command="register_task")
         return int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
 
     def charge(self) -> int:
@@ -310,7 +310,7 @@ class RealLab:
         return (self._logs / f"{name}.log").read_text(errors="replace")
 
     def task(self, task_id: int) -> dict[str, Any]:
-        return self.running.bus.query(f"rodeo/{self.site.org}/state/task/{task_id}")
+        return self.running.bus.query(topics.STATE.name(org=self.site.org, what=f"task/{task_id}"))
 
     def _on_event(self, event: DaoEvent) -> None:
         with self._changed:
