@@ -64,15 +64,12 @@ def containers(site: Site, path: Path, passphrase: Path) -> dict[str, str]:
     return written
 
 
-_DOLLARS = str.maketrans({"$": "$$"})
-
-
-def _doubled(part: Any) -> Any:
-    if isinstance(part, dict):
-        return {name: _doubled(one) for name, one in part.items()}
-    if isinstance(part, list):
-        return [_doubled(one) for one in part]
-    return part.translate(_DOLLARS) if isinstance(part, str) else part
+def _doubled(document: Any) -> Any:
+    if isinstance(document, dict):
+        return {name: _doubled(one) for name, one in document.items()}
+    if isinstance(document, list):
+        return [_doubled(one) for one in document]
+    return document.replace("$", "$$") if isinstance(document, str) else document
 
 
 def _dockerfile(site: Site, entries: Iterable[ProcessEntry]) -> str:
