@@ -34,13 +34,13 @@ from rodeo.checks.verify import verify_submission
 from rodeo.dao import Participant
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
+from rodeo.jobs.apart import verify_apart
 from rodeo.signing import wallets
 from rodeo.site.config import Site
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, later, seal
-from services.oracle.worker import verify_apart
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 

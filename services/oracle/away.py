@@ -19,7 +19,7 @@ import logging
 import shutil
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +33,7 @@ from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavai
 from rodeo.evidence.store import Store
 from rodeo.host.clock import Clock
 from rodeo.host.clocked import ClockedEvent, Rest
+from rodeo.jobs.apart import FAULT, report_on
 from rodeo.recording.copies import ask_to_put, hand_over
 from rodeo.runtime.logs import about_task
 from rodeo.site.config import Site
@@ -48,9 +49,6 @@ _SEEKERS = 4
 """Proofs looked for at the same time: one store that hangs must not keep the others waiting."""
 _MARGIN_SHARE = 0.25
 """Largest share of a verdict window that is kept for the verdict on a proof that turned up late."""
-
-FAULT = "the oracle"
-"""The party at fault for an undecided verdict: this oracle failed, neither the parties nor the store."""
 
 Owner = Literal["executor", "store", "oracle"]
 
@@ -296,19 +294,6 @@ class MissingProofs:
 
     def _verdict_is_due(self, task: Task) -> bool:
         return is_due(task, self._site, self._clock)
-
-
-def report_on(task: Task, check: Check, acts: Sequence[str] = ()) -> Report:
-    """The report on a submission that was not verified to its end: `check` decides."""
-    return Report.of(
-        [check],
-        kind=task.kind,
-        task_id=task.id,
-        attempt=task.attempt,
-        proof_sha256=task.proof_sha256,
-        rules_sha256=task.rules_sha256,
-        acts=acts,
-    )
 
 
 def due_s(task: Task, site: Site, patience: float = 1.0) -> float | None:

@@ -31,14 +31,15 @@ from rodeo.commands.judging import Rule
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
 from rodeo.evidence.errors import EvidenceError, StoreUnavailable
+from rodeo.jobs import apart
+from rodeo.jobs.apart import FAULT
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.runtime.process import Process, repeated
 from rodeo.runtime.serving import served_by
 from rodeo.site.config import Site
 from rodeo.site.names import oracle_process
 from rodeo.text.foreign_text import in_words
-from services.oracle import worker
-from services.oracle.away import FAULT, MissingProofs, ProofAway, due_s, is_due, owner_of
+from services.oracle.away import MissingProofs, ProofAway, due_s, is_due, owner_of
 from services.oracle.chain_view import read_chain_record
 from services.oracle.reports import RETRY_S, Reports
 from services.oracle.rules import Judging
@@ -123,7 +124,7 @@ class Oracle:
 
     def serve(self) -> None:
         # The first verdict must not wait for what all of them share.
-        self.judging.begin(worker.start(self._site))
+        self.judging.begin(apart.start(self._site))
         events = DaoEvents(self.process.bus, self._site.org, self.on_event, clock=self._clock)
         threads = [threading.Thread(target=run, name=name, daemon=True) for name, run in self.loops().items()]
         for thread in threads:
@@ -285,7 +286,7 @@ class Oracle:
         scratch = self.process.data_dir / "verifying"
         copy = self.missing.copy(key)
         try:
-            report = worker.verify_apart(
+            report = apart.verify_apart(
                 self._site, chain_record, scratch, self.process.stop, copy=copy, failed=self.line.failed[key]
             )
         except EvidenceError as error:

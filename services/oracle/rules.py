@@ -18,8 +18,9 @@ from rodeo.bus.messages import DaoEvent, Task
 from rodeo.checks.report import Check, Report
 from rodeo.host.clock import Clock
 from rodeo.host.clocked import ClockedEvent, Rest
+from rodeo.jobs.apart import FAULT, report_on
 from rodeo.site.config import Site
-from services.oracle.away import FAULT, due_s, is_due, report_on
+from services.oracle.away import due_s, is_due
 
 log = logging.getLogger(__name__)
 

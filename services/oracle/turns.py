@@ -27,8 +27,8 @@ from typing import NamedTuple
 from rodeo.checks.acts import ConsumedActs
 from rodeo.host.clock import Clock
 from rodeo.host.clocked import ClockedEvent, Rest, act
+from rodeo.jobs.apart import VerificationFailed
 from rodeo.runtime.logs import about_task
-from services.oracle.worker import VerificationFailed
 
 log = logging.getLogger(__name__)
 

@@ -18,12 +18,14 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 import rodeo
-from rodeo.checks.case import Case, ChainRecord, Checks
+from rodeo.checks.case import Case, Checks
 from rodeo.checks.report import Finding, Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.recorder import SealedProof
 from rodeo.evidence.store import Store
+from rodeo.jobs import apart
+from rodeo.jobs.apart import ATTEMPTS, MEMORY_BYTES, VerificationFailed, VerifierEnded, verify_apart
 from rodeo.site.config import Site
 from rodeo.site.sections import OracleConfig
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
@@ -31,9 +33,7 @@ from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, seal, write_bag
 from rodeo_testing.waiting import HANG_S
-from services.oracle import worker
 from services.oracle.process import SIDE_BY_SIDE
-from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, VerificationFailed, VerifierEnded, verify_apart
 from tests.support.site import LAB
 
 MIB = 1 << 20
@@ -204,9 +204,7 @@ def test_a_verification_without_memory_is_given_up(
     assert "crashed with exit status" in caplog.text
 
 
-def claim_and_crash(
-    site: Site, chain: ChainRecord, folder: Path, cpu_limit_s: float, memory_bytes: int, copy: Path | None
-) -> None:
+def claim_and_crash(what: apart.What, folder: Path) -> None:
     """What a child does whose proof claims something and then breaks what checks it."""
 
     def breaks(_case: Case) -> Finding:
@@ -215,7 +213,7 @@ def claim_and_crash(
     def broken(checks: Checks) -> Checks:
         return replace(checks, stages=((breaks,),))
 
-    worker.verify_claiming(site, chain, folder, copy, checks_of=broken)
+    apart.verify_claiming(what, folder, checks_of=broken)
 
 
 def test_what_a_proof_claims_is_listed_although_its_verification_crashed(
@@ -227,7 +225,7 @@ def test_what_a_proof_claims_is_listed_although_its_verification_crashed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """People may accept it yet, and then nobody is paid for the same drop again."""
-    monkeypatch.setattr(worker, "_child", claim_and_crash)
+    monkeypatch.setattr(apart, "_child", claim_and_crash)
     report = submitted(site, cleaning, sealed, tmp_path)
     assert "ended without a report" in ended_by_the_proof(report)
     assert report.acts == honest.acts
@@ -256,16 +254,16 @@ class NoServer:
 def test_a_fork_server_that_ends_while_it_loads_is_told_by_its_type(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker, "_context_of", lambda site: NoServer())
+    monkeypatch.setattr(apart, "_context_of", lambda site: NoServer())
     with pytest.raises(VerifierEnded) as ended:
-        worker.start(site)
+        apart.start(site)
     assert "unexpected EOF" in ended.value.details["reason"]
 
 
 def test_a_verification_that_cannot_be_started_is_undecided(
     site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker, "_context_of", lambda site: NoServer())
+    monkeypatch.setattr(apart, "_context_of", lambda site: NoServer())
     report = submitted(site, cleaning, sealed, tmp_path)
     assert "did not start" in ended_by_the_proof(report, "undecided")
 
@@ -276,7 +274,7 @@ from pathlib import Path
 
 import rodeo
 from rodeo.site.config import Site
-from services.oracle.worker import start
+from rodeo.jobs.apart import start
 
 if __name__ == "__main__":
     assert rodeo.__file__.startswith(sys.argv[1])

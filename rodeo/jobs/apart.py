@@ -21,7 +21,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing.connection import Connection
@@ -29,6 +29,7 @@ from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rodeo.bus.messages import Task
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report, given_up, undecided
 from rodeo.errors import DiskFull, RodeoError, snake_case
@@ -46,7 +47,6 @@ from rodeo.runtime.process import die_with
 from rodeo.site.config import Site
 from rodeo.site.sections import OracleConfig
 from rodeo.text.strict_json import plain, read_json, write_json
-from services.oracle.away import FAULT, report_on
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +54,8 @@ MEMORY_BYTES = 6 << 30
 """Address space of one verification: twice what the largest allowed proof was measured to need."""
 ATTEMPTS = 2
 """A verification that ended without a report is tried once more: the machine may have been the reason."""
+FAULT = "the oracle"
+"""The party at fault for an undecided verdict: this oracle failed, neither the parties nor the store."""
 
 
 class VerifierEnded(RodeoError):
@@ -64,6 +66,8 @@ class VerificationFailed(RodeoError):
     """A verification ended without a report, and may be tried once more."""
 
 
+_PROGRAMS = "services.oracle.process", "rodeo_cli.commands"
+"""What the main modules of programs that verify import."""
 _NOT_STARTED = (EOFError, OSError)
 """Errors when the fork server has ended, or does not start."""
 _STOP_SLICE_S = 0.2
@@ -100,7 +104,7 @@ def start(site: Site) -> dict[str, str | None]:
 
 def verify_apart(
     site: Site,
-    chain_record: ChainRecord,
+    chain_record: ChainRecord | None,
     scratch: Path,
     stop: threading.Event,
     *,
@@ -108,19 +112,27 @@ def verify_apart(
     memory_bytes: int = MEMORY_BYTES,
     copy: Path | None = None,
     failed: int = 0,
+    submitted: bool = True,
+    log_to: Path | None = None,
 ) -> Report | None:
     """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default,
-    `copy` is the proof itself where it was fetched already, `failed` counts its failed verifications.
+    `copy` is the proof itself where it was fetched already, `failed` counts its failed verifications. What
+    was not `submitted` is any file at `copy`, which may be a bag, or of no chain. The child's log is this
+    process's, or the file `log_to`.
 
     A verification that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed,
-    the second such is given up. If it cannot be started twice, the report is undecided. Its folder, which is
-    removed, goes into `scratch`. Raises EvidenceError when the proof could not be fetched, and DiskFull: both
-    are for the caller to wait for.
+    the second such is given up, unless no chain is asked. If it cannot be started twice, the report is
+    undecided. Its folder, which is removed, goes into `scratch`. Raises EvidenceError when the proof could
+    not be fetched, and DiskFull: both are for the caller to wait for.
     """
-    once = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
+    limits = limits or site.oracle
+    what = What(site, chain_record, copy, submitted, limits.cpu_limit_s, memory_bytes, log_to)
+    once = _once(what, scratch, stop, limits.time_limit_s)
     # Signals that end the oracle may reach the child first, which is no fault of the proof.
     if once.report is not None or stop.wait(_SIGNAL_GRACE_S):
         return once.report
+    if chain_record is None:
+        raise VerificationFailed(once.ended)
     task = chain_record.task
     log.warning("task %d attempt %d: %s", task.id, task.attempt, once.ended)
     if failed + 1 < ATTEMPTS:
@@ -143,29 +155,30 @@ class _Once(NamedTuple):
     """The proof's claims, as far as the child got."""
 
 
-def _once(
-    site: Site,
-    chain_record: ChainRecord,
-    scratch: Path,
-    stop: threading.Event,
-    limits: OracleConfig,
-    memory_bytes: int,
-    copy: Path | None,
-) -> _Once:
+class What(NamedTuple):
+    """What a child is given."""
+
+    site: Site
+    chain_record: ChainRecord | None
+    copy: Path | None
+    submitted: bool
+    cpu_limit_s: float
+    memory_bytes: int
+    log_to: Path | None
+
+
+def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float) -> _Once:
     """Raises EvidenceError, DiskFull."""
     with writing(scratch), _folder_in(scratch) as folder:
         path, away = Path(folder, _REPORT), Path(folder, _AWAY)
-        process = _context_of(site).Process(
-            target=_child,
-            args=(site, chain_record, Path(folder), limits.cpu_limit_s, memory_bytes, copy),
-            name=f"verify task {chain_record.task.id}",
-            daemon=True,
+        process = _context_of(what.site).Process(
+            target=_child, args=(what, Path(folder)), name="verification", daemon=True
         )
         try:
             process.start()
         except _NOT_STARTED as error:
             return _Once(None, f"the process to verify in did not start: {error!r}", began=False)
-        deadline_s = time.monotonic() + limits.time_limit_s
+        deadline_s = time.monotonic() + time_limit_s
         while process.is_alive() and time.monotonic() < deadline_s and not stop.is_set():
             process.join(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
         hung = process.is_alive()
@@ -181,11 +194,24 @@ def _once(
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
         ended = f"the verification crashed with exit status {process.exitcode}"
         if hung:
-            ended = f"the verification hung for {limits.time_limit_s:g} s"
+            ended = f"the verification hung for {time_limit_s:g} s"
         elif process.exitcode == -signal.SIGXCPU:
-            ended = f"the verification used more than {limits.cpu_limit_s:g} s of CPU time"
+            ended = f"the verification used more than {what.cpu_limit_s:g} s of CPU time"
         acts = Path(folder, _ACTS)
         return _Once(None, ended, acts=tuple(read_json(acts.read_bytes())["acts"]) if acts.exists() else ())
+
+
+def report_on(task: Task, check: Check, acts: Sequence[str] = ()) -> Report:
+    """The report on a submission that was not verified to its end: `check` decides."""
+    return Report.of(
+        [check],
+        kind=task.kind,
+        task_id=task.id,
+        attempt=task.attempt,
+        proof_sha256=task.proof_sha256,
+        rules_sha256=task.rules_sha256,
+        acts=acts,
+    )
 
 
 @cache
@@ -195,9 +221,11 @@ def _context(site_kinds: tuple[str, ...]) -> ForkServerContext:
     context = multiprocessing.get_context("forkserver")
     # The fork server skips modules that it cannot import: few kinds have a `preload`.
     loaded = [name for checks in site_kinds for name in (checks, f"{checks}.preload")]
-    # The oracle's own is there for each child, which runs the oracle's main module again.
-    own = ["services.oracle.worker", "services.oracle.process", "rodeo.checks.verify"]
-    context.set_forkserver_preload([*own, *loaded, "services.oracle.preload"])
+    # Each child runs the main module of its program again.
+    programs = [name for name in _PROGRAMS if name in sys.modules]
+    context.set_forkserver_preload(
+        ["rodeo.jobs.apart", *programs, "rodeo.checks.verify", *loaded, "rodeo.jobs.preload"]
+    )
     return context
 
 
@@ -249,23 +277,20 @@ def _tell_rules(site: Site, teller: Connection) -> None:
     teller.send(found)
 
 
-def _child(
-    site: Site,
-    chain_record: ChainRecord,
-    folder: Path,
-    cpu_limit_s: float,
-    memory_bytes: int,
-    copy: Path | None,
-) -> None:
+def _child(what: What, folder: Path) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     die_with(os.getppid(), signal.SIGKILL)  # the fork server, which ends with the oracle
     gc.disable()  # it ends soon, and looking for garbage among all those messages takes a tenth of its time
-    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_limit_s), math.ceil(cpu_limit_s) + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (what.memory_bytes, what.memory_bytes))
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(what.cpu_limit_s), math.ceil(what.cpu_limit_s) + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if what.log_to is not None:
+        with what.log_to.open("ab") as file:
+            os.dup2(file.fileno(), sys.stdout.fileno())
+            os.dup2(file.fileno(), sys.stderr.fileno())
     try:
         try:
-            report = verify_claiming(site, chain_record, folder, copy)
+            report = verify_claiming(what, folder)
             name, data = _REPORT, report.to_bytes()
         except (EvidenceError, DiskFull) as error:
             name, data = _AWAY, write_json(plain(error.to_json()))
@@ -276,14 +301,16 @@ def _child(
         sys.exit(_NO_ROOM)
 
 
-def verify_claiming(
-    site: Site, chain_record: ChainRecord, folder: Path, copy: Path | None, **options: Any
-) -> Report:
-    """`verify_submission`, which leaves the proof's claims in `folder` before they are checked."""
+def verify_claiming(what: What, folder: Path, **options: Any) -> Report:
+    """The verification, which leaves the proof's claims in `folder` before they are checked."""
     # Imported here: the oracle itself has no use for MuJoCo.
-    from rodeo.checks.verify import verify_submission
+    from rodeo.checks.verify import verify_file, verify_submission
 
     def claims(acts: list[str]) -> None:
         replace_file(folder / _ACTS, write_json({"acts": acts}))
 
-    return verify_submission(site, chain_record, folder, copy, may_wait=True, claims=claims, **options)
+    site, chain_record, copy = what[:3]
+    if what.submitted and chain_record is not None:
+        return verify_submission(site, chain_record, folder, copy, may_wait=True, claims=claims, **options)
+    assert copy is not None
+    return verify_file(copy, site, chain_record, claims=claims, **options)

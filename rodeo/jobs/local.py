@@ -1,0 +1,30 @@
+"""The engine of this machine: child processes with limits."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterable
+
+from rodeo.jobs.job import Job, Work
+
+
+class Local:
+    """Does jobs in children of this process.
+
+    Args:
+        works: what it can do.
+        places: jobs at the same time; by default one for each core that this process may use.
+    """
+
+    name = "local"
+
+    def __init__(self, works: Iterable[Work], places: int | None = None) -> None:
+        self.works = {work.name: work for work in works}
+        self.places = places or len(os.sched_getaffinity(0))
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        return self.works[job.work].do(job, stop)
+
+    def close(self) -> None:
+        """Each child ended with its job."""

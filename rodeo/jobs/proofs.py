@@ -1,0 +1,213 @@
+"""Verifications as jobs: what the chain says, which proof, and by which rules in which lab."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import threading
+from collections.abc import Mapping
+from functools import cached_property
+from hashlib import file_digest
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import rfc8785
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rodeo.checks.case import ChainRecord
+from rodeo.checks.report import Check, Report
+from rodeo.errors import DiskFull, Interrupted, unreadable
+from rodeo.evidence.errors import EvidenceError, ProofHashMismatch, ProofUriNotAllowed, StoreUnavailable
+from rodeo.jobs import apart
+from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers
+from rodeo.site.config import Site
+from rodeo.text.foreign_text import in_words, quoted
+
+VERIFY = "verify"
+_LAB = ("lab", "bins", "docks", "robots", "items", "kinds")
+"""Tables of the site file that a verification reads, beside the clock's speed and the token."""
+_LOG_BYTES = 64 << 10
+
+
+def lab_sha256(site: Site) -> str:
+    """0x and the SHA-256 of all that a verification reads of the site, as canonical JSON (RFC 8785)."""
+    said = {name: site.model_dump(mode="json", include={name})[name] for name in _LAB}
+    for robot, told in zip(site.robots, said["robots"], strict=True):
+        if robot.kinematics is not None:  # its content counts, wherever it lies
+            told["kinematics"] = hashlib.sha256(robot.kinematics.read_bytes()).hexdigest()
+    clock, token = site.clock, site.economy.token
+    said |= {
+        "clock": [clock.source, clock.speed, clock.idle_speed],
+        "token": token and token.model_dump(mode="json"),
+        "max_bytes": site.store.max_bytes,
+    }
+    return "0x" + hashlib.sha256(rfc8785.dumps(said)).hexdigest()
+
+
+class Asked(BaseModel):
+    """What a verification is given."""
+
+    model_config = ConfigDict(frozen=True)
+
+    chain: ChainRecord | None
+    """None for a file that is checked without a chain."""
+    submitted: bool
+    """Whether the proof is judged as an oracle would, and not any file, which may be a bag."""
+    proof_sha256: str
+    rules: dict[str, str | None]
+    """Kind -> hash of its rules: of the task's kind, or of all where no chain names one."""
+    lab_sha256: str
+    package: str
+    """Version of RODEO."""
+
+
+class Verify:
+    """Verifies proofs. The answer is the report, as `Report.to_bytes` writes it.
+
+    Args:
+        site: whose lab, store and limits count.
+        scratch: folder for what a verification needs meanwhile.
+    """
+
+    name = VERIFY
+
+    def __init__(self, site: Site, scratch: Path) -> None:
+        self._site, self._scratch = site, scratch
+        self._starting = threading.Lock()
+        self._rules: Mapping[str, str | None] | None = None
+        self.longest_s = apart.ATTEMPTS * site.oracle.time_limit_s
+
+    @property
+    def rules(self) -> Mapping[str, str | None]:
+        """Kind -> hash of the rules that are installed here. Raises VerifierEnded."""
+        with self._starting:
+            if self._rules is None:
+                self._rules = apart.start(self._site)
+            return self._rules
+
+    @cached_property
+    def lab_sha256(self) -> str:
+        return lab_sha256(self._site)
+
+    def job(
+        self,
+        proof_sha256: str,
+        chain: ChainRecord | None = None,
+        file: Path | None = None,
+        submitted: bool = True,
+    ) -> Job:
+        """The question what the rules that are installed here say of this proof: of the one at the URI that
+        `chain` names, or at `file`, where it was fetched already."""
+        rules = dict(self.rules)
+        if chain is not None:
+            task = chain.task
+            rules = {task.kind: rules.get(task.kind)}
+            # Its report is by these rules, whichever it was posted under.
+            task = task.model_copy(update={"rules_sha256": rules[task.kind]})
+            chain = chain.model_copy(update={"task": task})
+        asked = Asked(
+            chain=chain,
+            submitted=submitted,
+            proof_sha256=proof_sha256,
+            rules=rules,
+            lab_sha256=self.lab_sha256,
+            package=version("rodeo-dao"),
+        )
+        return Job(VERIFY, asked.model_dump(mode="json"), file)
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        asked = Asked.model_validate(job.given)
+        self._compare(asked)
+        if asked.submitted and job.file is not None and (found := _sha256(job.file)) != asked.proof_sha256:
+            error = ProofHashMismatch("the bytes do not match the submitted hash", found=found)
+            return _not_fetched(asked, error).to_bytes()
+        self._scratch.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=self._scratch) as folder:
+            report = self._report(asked, job.file, Path(folder), stop)
+        if report is None:
+            raise Interrupted("stopped while a proof was verified", proof_sha256=asked.proof_sha256)
+        return report.to_bytes()
+
+    def check(self, job: Job, answer: bytes) -> None:
+        asked = Asked.model_validate(job.given)
+        try:
+            report = Report.model_validate_json(answer)
+        except ValidationError as error:
+            raise BadAnswer("the answer is no report", reason=unreadable(error)) from error
+        task = asked.chain and asked.chain.task
+        wanted: dict[str, Any] = {"proof_sha256": asked.proof_sha256}
+        if task:
+            wanted |= {"task_id": task.id, "attempt": task.attempt, "kind": task.kind}
+        elif not report.accepted:
+            wanted = {}  # what cannot be read has no hash in its report
+        if report.kind in asked.rules:
+            wanted["rules_sha256"] = asked.rules[report.kind]
+        wrong = {
+            name: getattr(report, name) for name, value in wanted.items() if getattr(report, name) != value
+        }
+        if wrong:
+            raise BadAnswer("the report is on another proof", **wrong)
+
+    def _compare(self, asked: Asked) -> None:
+        """Raises WorkerDiffers."""
+        own = {
+            "package": version("rodeo-dao"),
+            "lab_sha256": self.lab_sha256,
+            "rules": {kind: self.rules.get(kind) for kind in asked.rules},
+        }
+        for name, value in own.items():
+            if getattr(asked, name) != value:
+                raise WorkerDiffers(
+                    f"this worker has another {name} than the job asks for",
+                    here=value,
+                    asked=getattr(asked, name),
+                )
+
+    def _report(self, asked: Asked, file: Path | None, folder: Path, stop: threading.Event) -> Report | None:
+        """Raises JobFailed, WorkerDiffers."""
+        log = folder / "log"
+        ended = ""
+        for failed in range(apart.ATTEMPTS):
+            try:
+                return apart.verify_apart(
+                    self._site,
+                    asked.chain,
+                    folder,
+                    stop,
+                    copy=file,
+                    failed=failed,
+                    submitted=asked.submitted,
+                    log_to=log,
+                )
+            except apart.VerificationFailed as error:
+                ended = str(error)
+            except ProofUriNotAllowed as error:
+                raise WorkerDiffers(str(error)) from error
+            except (StoreUnavailable, DiskFull) as error:
+                raise JobFailed(str(error), log=_tail(log)) from error
+            except EvidenceError as error:
+                return _not_fetched(asked, error)
+        raise JobFailed(ended, log=_tail(log))
+
+
+def _not_fetched(asked: Asked, error: EvidenceError) -> Report:
+    """The report on a submission whose bytes the store lacks, or has others of."""
+    assert asked.chain is not None
+    task = asked.chain.task
+    found = Check(
+        name="fetched",
+        passed=False,
+        source=quoted(task.proof_uri or ""),
+        detail=f"{error.code}: {in_words(error)}",
+    )
+    return apart.report_on(task, found)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return "0x" + file_digest(file, "sha256").hexdigest()
+
+
+def _tail(log: Path) -> str:
+    return log.read_bytes()[-_LOG_BYTES:].decode(errors="replace") if log.exists() else ""

@@ -1,0 +1,154 @@
+"""Each job is done once, elsewhere where that works, and its answer is checked wherever it was made."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from rodeo.errors import Interrupted
+from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed, WorkerLost
+from rodeo.jobs.local import Local
+from rodeo.jobs.runner import TRIES, Runner
+from rodeo_testing.waiting import HANG_S
+
+
+@dataclass
+class Doubling:
+    """A work whose answer is its number twice."""
+
+    name: str = "double"
+    longest_s: float = HANG_S
+    done: list[int] = field(default_factory=list)
+    fails_at: int | None = None
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        self.done.append(job.given["number"])
+        if job.given["number"] == self.fails_at:
+            raise JobFailed("it ended without an answer", log="the last line")
+        return str(2 * job.given["number"]).encode()
+
+    def check(self, job: Job, answer: bytes) -> None:
+        if answer != str(2 * job.given["number"]).encode():
+            raise BadAnswer("this is not twice the number", answer=answer[:20])
+
+
+@dataclass
+class Elsewhere:
+    """An engine whose workers answer as they please."""
+
+    answers: Callable[[Job], bytes]
+    name: str = "elsewhere"
+    places: int = 2
+    closed: bool = False
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        return self.answers(job)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def doubled(
+    folder: Path, numbers: range | list[int], work: Doubling, elsewhere: Engine | None = None
+) -> dict[int, bytes | None]:
+    with Runner(Local([work], 2), elsewhere, folder=folder) as runner:
+        return {
+            done.job.given["number"]: done.answer
+            for done in runner.run(Job("double", {"number": number}) for number in numbers)
+        }
+
+
+def test_every_job_has_its_answer_and_is_done_once(tmp_path: Path) -> None:
+    work = Doubling()
+    assert doubled(tmp_path, [*range(50), *range(50)], work) == {n: str(2 * n).encode() for n in range(50)}
+    assert sorted(work.done) == list(range(50))
+
+
+def test_what_was_answered_before_is_not_done_again_unless_its_file_is_damaged(tmp_path: Path) -> None:
+    doubled(tmp_path, range(5), Doubling())
+    (tmp_path / f"{Job('double', {'number': 3}).key}.json").write_text("7")
+    work = Doubling()
+    assert doubled(tmp_path, range(6), work)[3] == b"6"
+    assert sorted(work.done) == [3, 5]
+
+
+def lost(_: Job) -> bytes:
+    raise WorkerLost("the worker died", worker="w1")
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [lost, lambda _: b"1", lambda _: bytes(MOST_BYTES + 1)],
+    ids=["dies", "answers another job", "answers without end"],
+)
+def test_a_job_that_workers_fail_at_twice_is_done_here(
+    tmp_path: Path, answers: Callable[[Job], bytes]
+) -> None:
+    work, elsewhere = Doubling(), Elsewhere(answers)
+    with Runner(Local([work]), elsewhere, folder=tmp_path) as runner:
+        (done,) = runner.run([Job("double", {"number": 4})])
+    assert (done.answer, done.by, len(done.lost)) == (b"8", "local", TRIES)
+    assert work.done == [4]
+    assert elsewhere.closed
+
+
+def test_a_job_that_one_worker_fails_at_is_given_to_the_next(tmp_path: Path) -> None:
+    tries: list[Job] = []
+
+    def second_time(job: Job) -> bytes:
+        tries.append(job)
+        return b"8" if len(tries) == 2 else lost(job)
+
+    work = Doubling()
+    with Runner(Local([work]), Elsewhere(second_time), folder=tmp_path) as runner:
+        (done,) = runner.run([Job("double", {"number": 4})])
+    assert (done.answer, done.by, work.done) == (b"8", "elsewhere", [])
+
+
+def test_a_job_that_fails_comes_back_with_its_log_and_the_others_continue(tmp_path: Path) -> None:
+    with Runner(Local([Doubling(fails_at=1)], 1), folder=tmp_path) as runner:
+        found = list(runner.run(Job("double", {"number": number}) for number in range(3)))
+    assert [one.answer for one in found] == [b"0", None, b"4"]
+    error = found[1].error
+    assert isinstance(error, JobError)
+    assert error.log == "the last line"
+
+
+class Waiting(Doubling):
+    """Until it is stopped."""
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        self.done.append(1)
+        assert stop.wait(HANG_S)
+        raise Interrupted("stopped")
+
+
+def test_ctrl_c_stops_all_jobs(tmp_path: Path) -> None:
+    work = Waiting()
+
+    def jobs() -> object:
+        yield Job("double", {"number": 1})
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), Runner(Local([work], 2), folder=tmp_path) as runner:
+        list(runner.run(jobs()))  # type: ignore[arg-type]
+    assert work.done == [1]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_more_jobs_are_read_than_there_are_places(tmp_path: Path) -> None:
+    read = 0
+
+    def jobs() -> object:
+        nonlocal read
+        for number in range(100):
+            read += 1
+            yield Job("double", {"number": number})
+
+    with Runner(Local([Doubling()], 2), folder=tmp_path) as runner:
+        for ended, _ in enumerate(runner.run(jobs()), start=1):  # type: ignore[arg-type]
+            assert read <= ended + 2
