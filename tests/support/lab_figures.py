@@ -1,36 +1,42 @@
-"""How long the lab's drivers take, and what they cost."""
+"""How long the lab's drivers take, what they cost, and what is lost while they are away."""
 
 from __future__ import annotations
 
 import os
 import threading
 import time
-from collections import defaultdict
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from rodeo.site import topics
 from rodeo.site.names import bin_process, dock_process
 from rodeo.site.providers import MOTION_CAPTURE
-from rodeo.witness.statement import Drop, MeterRecord, Motion, parse
+from rodeo.witness.motion import track
+from rodeo.witness.statement import Drop, MeterRecord, Motion, Statement, parse
 from rodeo_kinds.battery_charging.readings import unpack
 from tests.support.reallab import RealLab
 
-DRIVERS = {"mocap": "natnet", "meter": "modbus", "bin": "bin"}
+NATNET, MODBUS, BIN = "natnet", "modbus", "bin"
 
 
-def _stamps_s(said: Any) -> tuple[str, float] | None:
-    """The driver that measured, and the newest of the device's own stamps in a statement."""
-    if isinstance(said, Motion):
-        return DRIVERS["mocap"], said.end_us * 1e-6
-    if isinstance(said, MeterRecord):
-        times_s = unpack(said.since_ms, said.readings).time_s
-        return (DRIVERS["meter"], float(times_s[-1])) if len(times_s) else None
-    if isinstance(said, Drop):
-        return DRIVERS["bin"], said.settled_s
-    return None
+class Heard(NamedTuple):
+    time_s: float
+    """When it arrived."""
+    statement: Statement
+
+    @property
+    def stamps_s(self) -> dict[str, float]:
+        """By figure: the device's own stamp of the newest that it says, and of the oldest."""
+        said = self.statement
+        if isinstance(said, Motion):
+            return {NATNET: said.end_us * 1e-6}
+        if isinstance(said, Drop):
+            return {BIN: said.settled_s}
+        if isinstance(said, MeterRecord) and len(times_s := unpack(said.since_ms, said.readings).time_s):
+            return {MODBUS: float(times_s[-1]), f"{MODBUS}_oldest": float(times_s[0])}
+        return {}
 
 
 def _cpu_s(pid: int) -> float:
@@ -39,46 +45,64 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-class Delays:
-    """From a device's own stamp to the arrival of the signed statement about it, and the processor's share of
-    its driver's process. Use as a context manager."""
+class Listener:
+    """Hears what the lab's devices sign. Use as a context manager."""
 
     def __init__(self, lab: RealLab) -> None:
         self._lab = lab
-        self._delays_s: dict[str, list[float]] = defaultdict(list)
-        site = lab.site
-        names = (MOTION_CAPTURE, dock_process(site, site.docks[0].name), bin_process(site, site.bins[0].name))
-        children = lab.running.children
-        self._pids = {
-            driver: children[name].pid for driver, name in zip(DRIVERS.values(), names, strict=True)
+        site, children = lab.site, lab.running.children
+        names = {
+            NATNET: MOTION_CAPTURE,
+            MODBUS: dock_process(site, site.docks[0].name),
+            BIN: bin_process(site, site.bins[0].name),
         }
+        self._pids = {driver: children[name].pid for driver, name in names.items()}
         self._lock = threading.Lock()
+        self._heard: list[Heard] = []
 
     def __enter__(self) -> Self:
-        lab = self._lab
-        key = topics.WITNESS_STATEMENT.pattern(org=lab.site.org)
+        key = topics.WITNESS_STATEMENT.pattern(org=self._lab.site.org)
         self._began_s = time.monotonic()
         self._cpu_s = {driver: _cpu_s(pid) for driver, pid in self._pids.items()}
-        self._heard = lab.running.bus.subscribe_json(key, self._on_statement)
+        self._subscriber = self._lab.running.bus.subscribe_json(key, self._on_statement)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._heard.undeclare()
-        passed_s = time.monotonic() - self._began_s
-        self._share = {
-            driver: (_cpu_s(pid) - self._cpu_s[driver]) / passed_s for driver, pid in self._pids.items()
-        }
+        self._subscriber.undeclare()
 
     def _on_statement(self, _key: str, data: dict[str, Any]) -> None:
-        found = _stamps_s(parse(data["payload"]))
-        if found is not None:
-            with self._lock:
-                self._delays_s[found[0]].append(time.time() - found[1])
+        heard = Heard(time.time(), parse(data["payload"]))
+        with self._lock:
+            self._heard.append(heard)
+
+    def heard(self, since_s: float = 0.0) -> list[Heard]:
+        with self._lock:
+            return [one for one in self._heard if one.time_s >= since_s]
 
     def figures(self) -> dict[str, float]:
-        found = {f"lab_{driver}_cpu": round(share, 3) for driver, share in self._share.items()}
-        for driver, delays_s in self._delays_s.items():
+        """From a device's own stamp to the arrival of the signed statement about it, and the share of a core
+        that its driver's process took, until now."""
+        passed_s = time.monotonic() - self._began_s
+        found = {
+            f"lab_{driver}_cpu": round((_cpu_s(pid) - self._cpu_s[driver]) / passed_s, 3)
+            for driver, pid in self._pids.items()
+        }
+        delays_s: dict[str, list[float]] = {}
+        for one in self.heard():
+            for name, stamp_s in one.stamps_s.items():
+                delays_s.setdefault(name, []).append(one.time_s - stamp_s)
+        for name, values_s in delays_s.items():
             for share in (50, 99):
-                delay_ms = 1e3 * float(np.percentile(delays_s, share))
-                found[f"lab_{driver}_delay_p{share}_ms"] = round(delay_ms, 1)
+                found[f"lab_{name}_delay_p{share}_ms"] = round(1e3 * float(np.percentile(values_s, share)), 1)
         return found
+
+    def lost_s(self, driver: str, since_s: float) -> float:
+        """Time since then over which nothing is signed: of the robot's motion, or of what the meter read."""
+        said = [one.statement for one in self.heard(since_s)]
+        if driver == NATNET:
+            robot = self._lab.site.robots[0].name
+            signed = track([one for one in said if isinstance(one, Motion)], robot)
+            return 0.0 if signed is None else sum(end - start for start, end in signed.unseen_us) * 1e-6
+        records = [one for one in said if isinstance(one, MeterRecord)]
+        times_s = np.concatenate([unpack(one.since_ms, one.readings).time_s for one in records])
+        return float(np.diff(times_s).max())

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import random
 from statistics import quantiles
 
 from rodeo.host.offset import ROUND_TRIPS, Offset, RoundTrip
-
-MS = 10**6
-TRUE_NS = -1_500 * MS
-"""A clock that is 1.5 s late."""
-
-
-def measured(jitter_ms: float, seed: int, trips: int = ROUND_TRIPS) -> Offset:
-    """The offset after `trips` round trips, each way of which takes 1 ms and a jitter of its own."""
-    chance, offset, now_ns = random.Random(seed), Offset(), 10**18
-    for _ in range(trips):
-        there_ns, back_ns = (round((1 + chance.uniform(0, jitter_ms)) * MS) for _ in range(2))
-        offset.add(RoundTrip(now_ns, now_ns + there_ns + TRUE_NS, now_ns + there_ns + back_ns))
-        now_ns += 1000 * MS
-    return offset
+from tests.support.jitter import MS, TRUE_NS, errors_ms, measured
 
 
 def test_under_50_ms_of_jitter_the_offset_is_known_to_a_fraction_of_it() -> None:
-    errors_ms = [abs((measured(50.0, seed).ns or 0) - TRUE_NS) / MS for seed in range(400)]
-    assert quantiles(errors_ms, n=20)[18] < 7.0
-    assert max(errors_ms) < 15.0
+    found_ms = errors_ms(50.0)
+    assert quantiles(found_ms, n=20)[18] < 7.0
+    assert max(found_ms) < 15.0
 
 
 def test_without_jitter_it_is_exact_and_the_doubt_is_half_a_round_trip() -> None:
