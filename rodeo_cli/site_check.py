@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from rodeo.errors import ConfigError
 from rodeo.kinds import DEFAULT_PRICE_IEC, NOT_INSTALLED, KindError, declared, installed, load
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import DockConfig, Pose2
 from rodeo.lab.geometry import Rectangle, facing, seen_from
 from rodeo.lab.layout import (
     ITEM_RADIUS_M,
@@ -88,7 +88,7 @@ def check(path: Path) -> list[Finding]:
         site = Site(**tables)
     except ValidationError as error:
         return [finding("error", place, text) for place, text in explained(error, Site).items()]
-    if wrong := faults(site) | dict(_lacking(site)) | dict(_cameras(site)):
+    if wrong := faults(site) | dict(_lacking(site)) | dict(_cameras(site)) | dict(_meters(site)):
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
@@ -106,6 +106,7 @@ def check(path: Path) -> list[Finding]:
             *_overlaps(site),
             *_unreachable(site),
             *_thin_stakes(site),
+            *_coarse_meters(site),
         )
     ]
 
@@ -295,6 +296,33 @@ def _cameras(site: Site) -> Iterator[tuple[Place, str]]:
         chosen_settings(kind, site.mocap)
     except ConfigError as error:
         yield ("mocap", "settings"), str(error)
+
+
+def _on_modbus(site: Site) -> list[tuple[int, DockConfig]]:
+    return [(number, dock) for number, dock in enumerate(site.docks) if dock.meter.source == "modbus"]
+
+
+def _meters(site: Site) -> Iterator[tuple[Place, str]]:
+    """Maps of registers that cannot be read."""
+    for number, dock in _on_modbus(site):
+        from services.charger.modbus import RegisterMap
+
+        try:
+            RegisterMap.load(dock.meter.model)
+        except ConfigError as error:
+            yield ("docks", number, "meter", "model"), str(error)
+
+
+def _coarse_meters(site: Site) -> Iterator[tuple[Place, str]]:
+    """Robots whose orders a meter's register cannot confirm."""
+    for number, dock in _on_modbus(site):
+        from services.charger.job import unsold
+        from services.charger.lies import least_order_wh
+        from services.charger.modbus import RegisterMap
+
+        step_wh = RegisterMap.load(dock.meter.model).resolution_wh
+        for text in unsold(site, dock, least_order_wh(step_wh)):
+            yield ("docks", number, "meter"), text
 
 
 def undecided_on_open_bus(site: Site) -> str:

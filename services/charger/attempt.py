@@ -79,7 +79,8 @@ class Attempt:
         chain, hands = self._wait_chain(), self._hands
         if binding is None or chain is None:
             return None
-        order, problem = _order(self._process, self._dock, job, path, binding)
+        least_wh = hands.terminals.least_order_wh
+        order, problem = _order(self._process, self._dock, job, path, binding, least_wh)
         seals = SealPublisher(self._process.bus, self._process.site.org, self._dock.name)
         clock = self._process.clock
         try:
@@ -218,11 +219,11 @@ class Attempt:
 
 
 def _order(
-    process: Process, dock: DockConfig, job: Job, path: Path, binding: Binding
+    process: Process, dock: DockConfig, job: Job, path: Path, binding: Binding, least_wh: float
 ) -> tuple[Order, str | None]:
-    """What is to be done, and what is wrong with the task."""
+    """What is to be done, and what is wrong with the task. Orders begin at `least_wh`."""
     site, task = process.site, job.task
-    params, namespace, problem = _params_of(task, site, dock)
+    params, namespace, problem = _params_of(task, site, dock, least_wh)
     assigned_s = task.assigned or 0.0
     window_s = (task.execution_deadline or assigned_s) - assigned_s
     limits = SessionLimits(
@@ -247,7 +248,9 @@ def _order(
     return order, problem
 
 
-def _params_of(task: Task, site: Site, dock: DockConfig) -> tuple[ChargingParams | None, str, str | None]:
+def _params_of(
+    task: Task, site: Site, dock: DockConfig, least_wh: float
+) -> tuple[ChargingParams | None, str, str | None]:
     """A task's parameters, the robot's namespace, and what is wrong with the task."""
     params = None
     # A robot that the site does not know publishes nothing anywhere; the problem says so.
@@ -258,4 +261,4 @@ def _params_of(task: Task, site: Site, dock: DockConfig) -> tuple[ChargingParams
         require_payable(task, params, site, dock.name)
     except (ValidationError, RodeoError) as error:
         return params, namespace, str(error)
-    return params, namespace, wrong_order(task, params, site, dock)
+    return params, namespace, wrong_order(task, params, site, dock, least_wh)

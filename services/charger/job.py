@@ -186,8 +186,22 @@ _MORE_SHARE = 1.1
 """Factor on what a robot's own estimate orders."""
 
 
-def wrong_order(task: Task, params: ChargingParams, site: Site, dock: DockConfig) -> str | None:
-    """Why the dock would not be paid for what it delivers, if so; to be checked before it delivers anything.
+def unsold(site: Site, dock: DockConfig, least_wh: float) -> list[str]:
+    """Why the dock sells some of the site's robots nothing, where it takes no order below `least_wh`."""
+    most_wh = {robot.name: order_wh(robot.battery, dock, 0.0, 1.0) for robot in site.robots}
+    return [
+        f"{robot} orders {wh:g} Wh at most, and the register of the meter of {dock.name} moves in such steps "
+        f"that it confirms no order below {least_wh:.0f} Wh"
+        for robot, wh in most_wh.items()
+        if wh < least_wh
+    ]
+
+
+def wrong_order(
+    task: Task, params: ChargingParams, site: Site, dock: DockConfig, least_wh: float
+) -> str | None:
+    """Why the dock would not be paid for what it delivers, or should not be, if so; to be checked before it
+    delivers anything. Its meter confirms orders from `least_wh` on.
 
     Without rates a session is paid by the share of its order, so a buyer that orders a thousand times what a
     battery takes would pay next to nothing for a full one. A session that costs more than the tariff is not
@@ -204,4 +218,6 @@ def wrong_order(task: Task, params: ChargingParams, site: Site, dock: DockConfig
     most_wh = _MORE_SHARE * order_wh(site.robot(params.robot).battery, dock, soc_from, params.soc_target)
     if params.energy_wh > most_wh:
         return f"it orders {params.energy_wh:g} Wh, but its battery takes {most_wh:.0f} Wh at most"
+    if params.energy_wh < least_wh:
+        return f"it orders {params.energy_wh:g} Wh, but the meter confirms orders from {least_wh:.0f} Wh on"
     return None

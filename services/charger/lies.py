@@ -1,7 +1,8 @@
 """What a meter and a contactor cannot truthfully show, each a type of its own.
 
 A meter has two accounts of the same energy: the power that it shows, and its register. Only the power is
-sold, and the register has to agree with it. A contactor that was opened lets nothing through.
+sold, and the register has to agree with it: an order too small for the register's steps is not sold
+(`least_order_wh`). A contactor that was opened lets nothing through.
 
     MeterLie
     ├── WrongMeter          another meter answers than the site file names
@@ -20,6 +21,7 @@ import math
 from typing import NamedTuple
 
 from rodeo.charging.metering import MAX_GAP_S, METER_CLASS, S_PER_H
+from rodeo.charging.orders import REACHED_SHARE
 from rodeo.errors import RodeoError
 
 OPENS_S = 3.0
@@ -27,8 +29,11 @@ OPENS_S = 3.0
 _SHARE = 2.5 * METER_CLASS
 """By how much power, added up once a second, and register may differ: both are of the same meter, but the
 power changes between two readings."""
+NOTICED_SHARE = 0.2
+"""A register that is off by so much is noticed in each charge that is sold."""
 _WINDOW_WH = 100.0
-"""After so much energy the comparison begins anew, so that a long truth hides no lie."""
+"""After so much energy, or what the register's steps need, the comparison begins anew, so that a long truth
+hides no lie."""
 _RESET_SHARE = 0.01
 """A register that fell below this share of what it showed began again."""
 
@@ -80,6 +85,17 @@ class Shown(NamedTuple):
     """The register of the energy that it counted."""
 
 
+def least_order_wh(step_wh: float) -> float:
+    """Smallest order in which a register that moves in such steps shows that it is off by `NOTICED_SHARE`. A
+    charge may be complete with `REACHED_SHARE` of its order."""
+    return _confirmed_wh(step_wh) / REACHED_SHARE
+
+
+def _confirmed_wh(step_wh: float) -> float:
+    """Energy after which it shows that: an honest one may be off by a step, too."""
+    return 2 * step_wh / (NOTICED_SHARE - _SHARE * (1 + NOTICED_SHARE))
+
+
 class Watch:
     """Compares what one meter shows with what it showed before. One thread at a time.
 
@@ -109,6 +125,11 @@ class Watch:
         if closed is not self._closed:
             self._closed, self._since_s = closed, time_s
             self._begin()
+
+    @property
+    def least_order_wh(self) -> float:
+        """Smallest order that this register confirms."""
+        return least_order_wh(self._step_wh(0.0 if self._last is None else self._last.import_wh))
 
     def see(self, shown: Shown) -> None:
         """The newest of what the meter shows, which is believed if this raises no MeterLie."""
@@ -164,17 +185,16 @@ class Watch:
         flowed_wh = (last.power_w + shown.power_w) / 2 * seconds / S_PER_H
         self._flowed_wh += flowed_wh
         self._still_wh = 0.0 if moved_wh else self._still_wh + flowed_wh
-        resolution_wh = max(self._resolution_wh, 2 * _step_wh(shown.import_wh))
-        slack_wh = resolution_wh + _SHARE * max(self._flowed_wh, self._moved_wh)
+        step_wh = self._step_wh(shown.import_wh)
+        slack_wh = step_wh + _SHARE * max(self._flowed_wh, self._moved_wh)
         values = {"by_power_wh": round(self._flowed_wh, 1), "by_register_wh": round(self._moved_wh, 1)}
-        if self._still_wh > resolution_wh * (1 + _SHARE):
+        if self._still_wh > step_wh * (1 + _SHARE):
             raise RegisterFrozen("power flows, and the meter's register stands still", **values)
         if abs(self._flowed_wh - self._moved_wh) > slack_wh:
             raise RegisterOff("the meter's power and its register disagree", **values)
-        if self._flowed_wh > _WINDOW_WH:
+        if self._flowed_wh > max(_WINDOW_WH, _confirmed_wh(step_wh)):
             self._begin()
 
-
-def _step_wh(import_wh: float) -> float:
-    """What a 32-bit float of so many kWh resolves: it has 24 binary digits."""
-    return 1000.0 * math.ldexp(1.0, math.frexp(import_wh / 1000)[1] - 24)
+    def _step_wh(self, import_wh: float) -> float:
+        """What the register resolves there: a 32-bit float of kWh has 24 binary digits."""
+        return max(self._resolution_wh, 2000.0 * math.ldexp(1.0, math.frexp(import_wh / 1000)[1] - 24))

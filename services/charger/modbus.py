@@ -259,6 +259,10 @@ class ModbusTerminals:
             "meter_import_kwh": round(shown.import_wh / 1000, 3),
         }
 
+    @property
+    def least_order_wh(self) -> float:
+        return self._watch.least_order_wh
+
     def command(self, closed: bool) -> bool:
         if closed and self._lie is not None:
             return False

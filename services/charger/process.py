@@ -36,7 +36,7 @@ from rodeo.witness.witness import Witness
 from services.charger.assignments import Assignments
 from services.charger.attempt import Attempt, Hands
 from services.charger.feed import Feed
-from services.charger.job import Job, Jobs
+from services.charger.job import Job, Jobs, unsold
 from services.charger.retries import Retries
 from services.charger.session import SessionState, is_handed_in
 from services.charger.terminals import open_terminals
@@ -73,7 +73,7 @@ class Charger:
         for robot in site.robots:
             heard = self._feed.battery_of(robot.name)
             node.subscription(battery.name(ns=robot.namespace), battery.type, heard, inline=True)
-        self._retries = Retries(process, self._wake, lambda: self._terminals.silence)
+        self._retries = Retries(process, self._wake, self._problem)
         self._assignments = Assignments(self._organization, site, dock.name)
         # A dock that reads its terminals over an open bus reads what anybody may publish there.
         over_bus: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
@@ -108,6 +108,13 @@ class Charger:
         self._feed.event(event)
         self._rulings.on_event(event)
         self._wake.set()
+
+    def _problem(self) -> str:
+        """Why nothing can be sold now."""
+        if silence := self._terminals.silence:
+            return silence
+        refused = unsold(self._process.site, self._dock, self._terminals.least_order_wh)
+        return refused[0] if refused and len(refused) == len(self._process.site.robots) else ""
 
     def run(self) -> None:
         """Until the process is asked to stop."""

@@ -3,7 +3,7 @@
 
 What the terminals report are voltage and current at the dock's contacts, in a sensor_msgs/msg/BatteryState
 about once a second, whose `present` says whether a robot is on the contacts. Another meter is one more class
-with these five members, chosen in `open_terminals`.
+with these six members, chosen in `open_terminals`.
 """
 
 from __future__ import annotations
@@ -47,6 +47,10 @@ class Terminals(Protocol):
     def shown(self) -> dict[str, Any]:
         """What the meter itself shows, for people."""
 
+    @property
+    def least_order_wh(self) -> float:
+        """Smallest order for which the meter can show that it does not lie; 0 where it need not."""
+
     def command(self, closed: bool) -> bool:
         """Close or open the contactor; whether it confirmed."""
 
@@ -68,6 +72,7 @@ class BusTerminals:
     """Terminals that somebody else publishes on the bus, and a contactor that is served there."""
 
     lie = None
+    least_order_wh = 0.0
     shown: ClassVar[dict[str, Any]] = {}
 
     def __init__(self, node: PlainNode, dock: str, on_reading: OnReading) -> None:

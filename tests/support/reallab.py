@@ -43,7 +43,7 @@ PROGRAMS = ROOT / "tests" / "reallab"
 _PATHS = (ROOT, PROGRAMS, ROOT / "tests" / "foreign_robot", ROOT / "examples")
 PORTS = ("natnet", "meter", "cells", "camera", "robot")
 FINE = ("resolution_wh = 10.0", "resolution_wh = 0.1")
-"""Steps of an SDM120's register would hide a lie of a fifth in so small a charge."""
+"""The register of an SDM120 moves in steps that confirm no charge of so small a battery."""
 SPEAKERS = (AGENT, "oracle", "charger")
 CABLES = ("meter", "cells", "camera")
 """Devices on TCP whose cables can be pulled. The robot's is between it and the router."""
@@ -65,6 +65,12 @@ mocap.settings = {{ local = "127.0.0.1", command_port = {ports["natnet"]} }}
 name = "dock1"
 pose = {{ x_m = 3.8, y_m = 4.8, yaw_rad = -1.5708 }}
 meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", model = "meter.toml" }}
+
+[[robots]]
+name = "arthur"
+body = "ros2"
+pose = {{ x_m = 3.6, y_m = 2.6 }}
+battery = {{ capacity_wh = 30, capacity_ah = 0.82, soc = 0.7 }}
 """
     )
     return path

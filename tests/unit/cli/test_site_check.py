@@ -310,6 +310,29 @@ def test_what_is_doubtful_is_a_warning_and_no_reason_to_refuse(
     Site.load(tmp_path / "my.toml")
 
 
+MODBUS = """[[docks]]
+pose = {{ x_m = 0.2, y_m = 2.6 }}
+meter = {{ source = "modbus", address = "tcp://127.0.0.1:502", model = "{model}" }}
+"""
+SMALL = """[[robots]]
+name = "arthur"
+pose = { x_m = 1.4, y_m = 1.3 }
+battery = { capacity_wh = 30, capacity_ah = 0.82 }
+"""
+
+
+def test_a_meter_whose_steps_hide_what_a_robot_orders_is_doubtful(said: Said) -> None:
+    assert said(MODBUS.format(model="sdm120")) == []
+    (found,) = said(MODBUS.format(model="sdm120") + SMALL)
+    assert "my.toml:5: warning: docks.0.meter: arthur orders 42.1 Wh at most" in found
+    assert "confirms no order below 190 Wh" in found
+
+
+def test_a_map_of_registers_that_cannot_be_read_is_an_error(said: Said) -> None:
+    (found,) = said(MODBUS.format(model="sdm121"))
+    assert "my.toml:5: error: docks.0.meter.model: no registers of a meter can be read" in found
+
+
 @pytest.mark.parametrize(
     "clock",
     [

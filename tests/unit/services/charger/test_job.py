@@ -20,7 +20,16 @@ from rodeo.site.sections import ClockConfig, KindConfig, RateConfig
 from rodeo.site.topics import EVENT_CHANNEL
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.recordings import Sample, Take
-from services.charger.job import BadTask, Job, JobBroken, is_for, recover, require_payable, wrong_order
+from services.charger.job import (
+    BadTask,
+    Job,
+    JobBroken,
+    is_for,
+    recover,
+    require_payable,
+    unsold,
+    wrong_order,
+)
 from tests.support.site import LAB
 
 ACCOUNT = Account.create()
@@ -138,8 +147,23 @@ def test_what_would_not_be_paid_is_not_delivered(
     moment = Take([Sample("", "", None, START_S * 10**9)])
     ordered = charging_chain_record(moment, order, price_iec=Decimal(price_iec)).task
     site = Site.load(LAB)
-    problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0])
+    problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0], 0.0)
     assert problem is None if says is None else says in str(problem)
+
+
+def test_an_order_too_small_for_the_meters_register_is_not_delivered() -> None:
+    site, ordered = Site.load(LAB), task()
+    for least_wh, says in ((PARAMS.energy_wh, None), (PARAMS.energy_wh + 1, "the meter confirms")):
+        problem = wrong_order(ordered, PARAMS, site, site.docks[0], least_wh)
+        assert problem is None if says is None else says in str(problem)
+
+
+def test_robots_whose_orders_no_register_of_the_dock_confirms_are_named() -> None:
+    site = Site.load(LAB)
+    assert unsold(site, site.docks[0], 190.0) == []
+    (found,) = unsold(site, site.docks[0], 5000.0)
+    assert found.startswith("panther1 orders")
+    assert "dock1" in found
 
 
 def test_an_order_that_may_cost_more_than_its_price_is_not_delivered() -> None:
@@ -153,5 +177,7 @@ def test_an_order_that_may_cost_more_than_its_price_is_not_delivered() -> None:
     moment = Take([Sample("", "", None, START_S * 10**9)])
     for price_iec, says in ((20, None), (19, "may cost 20 IEC")):
         ordered = charging_chain_record(moment, {"energy_wh": 100.0}, price_iec=Decimal(price_iec)).task
-        problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0])
+        problem = wrong_order(
+            ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0], 0.0
+        )
         assert problem is None if says is None else says in str(problem)

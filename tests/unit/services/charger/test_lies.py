@@ -8,7 +8,9 @@ from collections.abc import Callable
 
 import pytest
 
+from rodeo.charging.orders import REACHED_SHARE
 from services.charger.lies import (
+    NOTICED_SHARE,
     OPENS_S,
     CurrentWhileOpen,
     ImplausibleReading,
@@ -54,6 +56,19 @@ def test_an_honest_meter_is_believed_for_hours_of_changing_power() -> None:
     for power_w in (420.0, 37.0, 0.0, 230.0, 5.0):
         meter.power_w = power_w
         meter.run(2000)
+
+
+@pytest.mark.parametrize("import_wh", [57_093.0, 90_000_000.0])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_register_that_is_off_is_found_in_the_smallest_charge_that_is_sold(
+    import_wh: float, sign: int
+) -> None:
+    meter = Meter(import_wh)
+    meter.close()
+    meter.counts = 1 + sign * NOTICED_SHARE
+    least_wh = meter.watch.least_order_wh * REACHED_SHARE
+    with pytest.raises(RegisterOff):
+        meter.run(math.ceil(least_wh / 420.0 * 3600) + 1)
 
 
 def test_a_register_that_stands_still_while_power_flows_is_found_within_a_few_watt_hours() -> None:
