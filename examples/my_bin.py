@@ -109,9 +109,10 @@ class MyBin:
             self.sign(Drop, "disposal", claimants=shown.get("claimants", ()), **said)
 
     def sign(self, model, kept_as, **said):
-        if kept_as:
-            said["number"] = 1 + (self.last[kept_as]["payload"]["number"] if kept_as in self.last else 0)
-        signed = self.witness.chain.sign(model, self.process.clock.now_s(), **said)
+        chain = self.witness.chain
+        if kept_as:  # the statement's own number, which goes on after a restart
+            said["number"] = 1 + max((one.payload["seq"] for one in chain.last(1)), default=0)
+        signed = chain.sign(model, self.process.clock.now_s(), **said)
         self.last = self.last | ({kept_as: signed.model_dump()} if kept_as else {})
         self.witness.publish(signed)
         return signed.payload
