@@ -185,7 +185,8 @@ class World:
             device = getattr(self, order["device"])
             assert hasattr(device, order["what"]), order
             setattr(device, order["what"], order["value"])
-        print(f"done: {order['number']}", flush=True)
+        # Other threads print, too: the end of a line may come after theirs.
+        print(f"done: {order['number']};", flush=True)
 
     def listen(self) -> None:
         for line in sys.stdin:

@@ -19,8 +19,6 @@ UNPLUGGED_S = 10.0
 AHEAD_S = 1.5
 LIMIT_S = 240.0
 """Wall time after which a case has not ended as it must, on a busy machine, too."""
-CHARGED_FROM = 0.7
-"""State of charge: the rest takes half a minute."""
 
 
 class Case(BaseModel):
@@ -124,10 +122,7 @@ def _task_with_fault(lab: RealLab, case: Case) -> int:
 
 
 def _post(lab: RealLab, case: Case) -> int:
-    if case.work == "charge":
-        lab.order("power", "soc", CHARGED_FROM)
-        return lab.charge()
-    return lab.clean(lab.site.items[0].id)
+    return lab.charge() if case.work == "charge" else lab.clean(lab.site.items[0].id)
 
 
 def _judged(lab: RealLab, case: Case, task_id: int) -> str:

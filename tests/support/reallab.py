@@ -265,7 +265,7 @@ class RealLab:
         order = {"number": number, "device": device, "what": what, "value": value}
         self._world.stdin.write(json.dumps(order).encode() + b"\n")
         self._world.stdin.flush()
-        wait_until(lambda: f"done: {number}\n" in self.log("world"), lambda: self.log("world"))
+        wait_until(lambda: f"done: {number};" in self.log("world"), lambda: self.log("world"))
 
     def clean(self, item_id: str) -> int:
         """Post the task to clean an item away; its number."""
@@ -286,11 +286,12 @@ class RealLab:
             return next(int(one.task_id or 0) for one in self.events if one.task_id not in posted)
 
     def tidy(self) -> None:
-        """Put the items back, and leave the battery room for a charge, while the robot has nothing to do."""
+        """Put the items back, and leave the battery room for a short charge, while the robot has nothing to
+        do."""
         assert self.sees(AGENT, lambda status: status.ready and "idle" in status.activity, HANG_S)
         for item in self.site.items:
             self.order(item.id)
-        self.order("power", "soc", 0.55)
+        self.order("power", "soc", 0.7)
         self._written = {name: len(self._text(name)) for name in (*SPEAKERS, "mocap", "itrash")}
 
     def sees(self, process: str, holds: Callable[[Status], bool], limit_s: float) -> bool:
