@@ -28,6 +28,8 @@ SLOW = (
     "evidence/test_differential.py",
 )
 """Folders of tests/unit that `make check` runs, and files in them that it leaves out: about 50 s of CPU."""
+ALONE = "alone"
+"""The mark of long tests that keep pace with real devices: nothing runs beside them."""
 NO_NODE = "contracts: Node is missing, `make system`"
 _FORGE = re.compile(r"(\d+) tests? passed, (\d+) failed, (\d+) skipped")
 _FAILURE = re.compile(r"^(?:\x1b\[\d+m)?\[FAIL.*|.*failing tests? in .*", re.MULTILINE)
@@ -81,7 +83,13 @@ class Contracts:
         return self.tally
 
 
-def python(chosen: list[str], jobs: int, chain: str) -> tuple[Tally, int]:
+def with_long() -> list[str]:
+    """Files in which a test is marked long: the others need not be imported, four times, to find none."""
+    files = sorted(Path("tests").rglob("test_*.py"))
+    return [str(one) for one in files if "mark.long" in one.read_text()]
+
+
+def python(chosen: list[str], jobs: int, chain: str) -> Tally:
     """pytest's tests. pytest prints its own progress."""
     counted = OUT / "tally.json"
     counted.unlink(missing_ok=True)
@@ -93,7 +101,7 @@ def python(chosen: list[str], jobs: int, chain: str) -> tuple[Tally, int]:
     if status and not tally.failed:
         tally.failed = 1
         say(f"pytest ended with status {status}")
-    return tally, status
+    return tally
 
 
 def say(line: str) -> None:
@@ -114,16 +122,18 @@ def main() -> int:
     # Containers set it. Hundreds of processes start here, and each would compile the sources anew.
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     OUT.mkdir(exist_ok=True)
-    contracts = None if asked.fast or asked.only == "python" else Contracts(asked.long)
     tally = Tally()
+    if asked.long and asked.only != "contracts":
+        tally += python(["-m", ALONE, *with_long()], 0, asked.chain)
+    contracts = None if asked.fast or asked.only == "python" else Contracts(asked.long)
     if asked.only != "contracts":
-        chosen = ["-m", "long" if asked.long else "not long"]
+        chosen = ["-m", f"long and not {ALONE}", *with_long()] if asked.long else ["-m", "not long"]
         if asked.fast:
             chosen += [
                 *(f"tests/unit/{path}" for path in FAST),
                 *(f"--ignore=tests/unit/{one}" for one in SLOW),
             ]
-        tally, _ = python(chosen, asked.jobs, asked.chain)
+        tally += python(chosen, asked.jobs, asked.chain)
     if contracts is not None:
         tally += contracts.wait()
     more = ""

@@ -10,7 +10,7 @@ from rodeo.site.processes import processes_of
 from rodeo.site.providers import SIMULATOR, devices
 from tests.support.reallab import RealLab
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ A plugin that `python -m tests` loads. With pytest-xdist the process that people
 from __future__ import annotations
 
 import json
+import time
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,6 +13,8 @@ from pathlib import Path
 import pytest
 
 _KEY = "deselected"
+LONG_S = 300.0
+"""Wall time after which a running test is named, so that a suite which is ended shows what held it."""
 
 
 @dataclass
@@ -46,6 +49,18 @@ class _Counting:
         self._path = path
         self._tally = Tally()
         self._failed: set[str] = set()
+        self._since: dict[str, float] = {}
+        """Test that runs -> wall time of its start, until it is named or ends."""
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._since[nodeid] = time.monotonic()
+        for one, since_s in list(self._since.items()):
+            if time.monotonic() - since_s > LONG_S:
+                self._say(f"runs for {LONG_S:.0f} s and more: {one}")
+                del self._since[one]
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        self._since.pop(nodeid, None)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         tally = self._tally
@@ -61,9 +76,12 @@ class _Counting:
 
     def _name(self, report: pytest.TestReport) -> None:
         """At once: pytest tells which test failed at its end, which may be minutes away."""
+        last = report.longreprtext.strip().rpartition("\n")[2]
+        self._say(f"failed ({report.when}): {report.nodeid}: {last}")
+
+    def _say(self, line: str) -> None:
         if terminal := self._config.pluginmanager.getplugin("terminalreporter"):
-            last = report.longreprtext.strip().rpartition("\n")[2]
-            terminal.write(f"\nfailed ({report.when}): {report.nodeid}: {last}\n")
+            terminal.write(f"\n{line}\n")
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:

@@ -45,6 +45,15 @@ def test_what_workers_ran_skipped_and_left_out_is_counted(tmp_path: Path) -> Non
     assert Tally.read(counted) == Tally(2, 2, {"Chromium is missing: make system": 2}, 1)
 
 
+def test_what_runs_for_long_is_named_before_it_ends(tmp_path: Path) -> None:
+    (tmp_path / "test_some.py").write_text("def test_that_hangs(): pass\n")
+    (tmp_path / "conftest.py").write_text("from tests.support import tally\ntally.LONG_S = -1.0\n")
+    words = ["-p", "tests.support.tally", "--tally", str(tmp_path / "tally.json"), "--rootdir", str(tmp_path)]
+    command = [sys.executable, "-m", "pytest", "-q", *words, str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "runs for -1 s and more: test_some.py::test_that_hangs" in done.stdout.splitlines()
+
+
 def test_the_line_says_why_tests_were_skipped() -> None:
     both = Tally(3, 0, {"Chromium is missing: make system": 2}, 7) + Tally(1, 1)
     assert str(both) == "4 passed, 1 failed, 2 skipped (2: Chromium is missing: make system)"
