@@ -30,7 +30,7 @@ from rodeo.ros2 import types
 from rodeo.ros2.node import Node
 from rodeo.site import topics
 from tests.support.browser import chromium
-from tests.support.dao import Dao
+from tests.support.dao import Dao, founded
 from tests.support.page_figures import kept, latency_ms, measured, wait_seen
 from tests.support.site import RunningSite, write_site
 
@@ -126,18 +126,14 @@ def _api_p95_ms(running: RunningSite, origin: str) -> float:
 @contextmanager
 def _console(chain: str, extra: str = "") -> Iterator[tuple[RunningSite, Dao, str]]:
     """An organization with its console, and where that is."""
-    with tempfile.TemporaryDirectory() as folder:
-        running = RunningSite(write_site(Path(folder), chain, extra))
-        dao = Dao(running)
-        try:
-            dao.start()
-            running.start("console")
-            accounts = Accounts(accounts_path(running.site), running.site.console)
-            accounts.add_user("ada", PASSPHRASE, [Role.OPERATOR])
-            yield running, dao, str(running.status("console").details["http"])
-        finally:
-            dao.stop()
-            running.stop()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        founded(write_site(Path(folder), chain, extra), "console") as dao,
+    ):
+        running = dao.running
+        accounts = Accounts(accounts_path(running.site), running.site.console)
+        accounts.add_user("ada", PASSPHRASE, [Role.OPERATOR])
+        yield running, dao, str(running.status("console").details["http"])
 
 
 def _logged_in(browser: Browser, origin: str) -> Page:

@@ -41,8 +41,8 @@ from rodeo_kinds.battery_charging.harness.film import charging_chain_record, fil
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, later, seal
-from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.dao import Dao, founded
+from tests.support.site import write_site
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 CLEANING_S = 192.0
@@ -102,21 +102,13 @@ def run() -> dict[str, float]:
 
 def proof_to_verdict() -> dict[str, float]:
     """Submit honest proofs, one after another, on a site of real processes."""
-    with tempfile.TemporaryDirectory() as folder:
-        running = RunningSite(write_site(Path(folder)))
-        dao = Dao(running)
-        try:
-            dao.start()
-            running.start("oracle")
-            dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
-            devices = "itrash", "panther1", "mocap"
-            keys = {name: wallets.load(dao.site, f"{name}-device") for name in devices}
-            film = film_cleaning(dao.site, "item1")
-            films = [later(film, 120 * number) for number in range(1, 1 + SUBMISSIONS)]
-            took_s = [_verdict_s(dao, keys, take) for take in films]
-        finally:
-            dao.stop()
-            running.stop()
+    with tempfile.TemporaryDirectory() as folder, founded(write_site(Path(folder)), "oracle") as dao:
+        dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        devices = "itrash", "panther1", "mocap"
+        keys = {name: wallets.load(dao.site, f"{name}-device") for name in devices}
+        film = film_cleaning(dao.site, "item1")
+        films = [later(film, 120 * number) for number in range(1, 1 + SUBMISSIONS)]
+        took_s = [_verdict_s(dao, keys, take) for take in films]
     later_s = statistics.median(took_s[1:])
     return {
         "proof_to_verdict_s": max(took_s[0], later_s),

@@ -61,12 +61,11 @@ def run() -> dict[str, float | None]:
 
 @contextmanager
 def _site() -> Iterator[RunningSite]:
-    with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
-        running = RunningSite(write_site(Path(folder), extra=SITE))
-        try:
-            yield running
-        finally:
-            running.stop()
+    with (
+        tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder,
+        RunningSite(write_site(Path(folder), extra=SITE)) as running,
+    ):
+        yield running
 
 
 def _node(bus: Bus, name: str) -> Node:
@@ -121,7 +120,7 @@ def _ratios() -> dict[str, float]:
             ],
         )
         node.close()
-        dao.stop()
+        dao.close()
         return {"ros2_command_ratio_p50": command, "ros2_query_ratio_p50": query}
 
 

@@ -38,6 +38,7 @@ from rodeo.host.files import begin_folder, replace_file
 from rodeo.host.instance import LAUNCHER, lock_holder
 from rodeo.judging.verdicts import NO_REPORT, WORDS
 from rodeo.kinds import Kind, kinds_of, providing_energy
+from rodeo.runtime.process import is_transient
 from rodeo.site.config import Site, read_tables
 from rodeo.site.endpoint import free_port
 from rodeo.text.site_problems import toml
@@ -412,7 +413,7 @@ def on_event(demo: Demo, bus: Bus, event: DaoEvent) -> None:
             task = queries.ask(bus, demo.site.org, queries.TASK, id=event.task_id)
             break
         except (BusError, RemoteError) as error:
-            if (isinstance(error, RemoteError) and not error.passes) or demo.stopped.wait(_LOOK_S):
+            if not is_transient(error) or demo.stopped.wait(_LOOK_S):
                 raise
     demo.tasks[event.task_id] = task
     if sentence := _sentence(event, task):

@@ -34,7 +34,6 @@ _OUTSIDE_M = (-2.0, 0.35)
 """Items that nobody has thrown away wait in a row behind the lab's western wall."""
 _TRIES = 2000
 _READY_S = 60.0
-_POSE_KEPT = 1
 
 Point = tuple[float, float]
 

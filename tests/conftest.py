@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.nursery import Nursery
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite, write_site
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -58,6 +58,12 @@ def nursery(request: pytest.FixtureRequest) -> Iterator[None]:
     RunningSite.nursery = None
 
 
+@pytest.fixture(scope="session")
+def new_site(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> NewSite:
+    """A site file in a folder of its own, with the given TOML."""
+    return lambda extra="": write_site(tmp_path_factory.mktemp("site"), chain_backend, extra)
+
+
 @pytest.fixture
 def site_path(tmp_path: Path, chain_backend: str) -> Path:
     """A site file of the test's own: the lab on free ports, data under the test's folder."""
@@ -67,6 +73,5 @@ def site_path(tmp_path: Path, chain_backend: str) -> Path:
 @pytest.fixture
 def running(site_path: Path) -> Iterator[RunningSite]:
     """Start processes with `running.start(...)`; whatever was started is stopped at the end."""
-    site = RunningSite(site_path)
-    yield site
-    site.stop()
+    with RunningSite(site_path) as site:
+        yield site

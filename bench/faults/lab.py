@@ -39,6 +39,7 @@ from rodeo.chain.contracts.events import TaskRegistered, TaskSettled
 from rodeo.chain.deployment import Deployment
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.instance import lock_holder
+from rodeo.runtime.process import is_transient
 from rodeo.signing.wallets import ensure_wallets
 from rodeo.site import topics
 from rodeo.site.config import Site
@@ -443,10 +444,8 @@ class Lab:
         while time.monotonic() < deadline_s and not self.closing.is_set():
             try:
                 return self.bus.query(key, payload, parameters=parameters, timeout_s=ASK_S)
-            except BusError as error:
-                last = error
-            except RemoteError as error:
-                if not error.passes:
+            except (BusError, RemoteError) as error:
+                if not is_transient(error):
                     raise
                 last = error
             self.pause(PAUSE_S)

@@ -122,12 +122,9 @@ def run_cases(cases: Sequence[Case], at_once: int = AT_ONCE) -> list[Result]:
 def _prepare(template: Path) -> None:
     """The data directory of a site with its contracts deployed, from which the others are copied."""
     template.mkdir()
-    running = RunningSite(write_site(template, extra=PARTICIPANTS))
-    try:
+    with RunningSite(write_site(template, extra=PARTICIPANTS)) as running:
         running.start("router", "chain")
         running.deploy_contracts()
-    finally:
-        running.stop()
     shutil.rmtree(template / "data" / "logs")
 
 

@@ -348,10 +348,8 @@ class Passed(Message):
 
 
 PROVEN_FROM = 4
-MAX_PASSED = 8
-"""Most providers in `Task.passed`: from the fourth entry on the task is offered to proven providers only,
-while there is one with an active service of the kind. It ends with the eighth, and with the second that
-gave up."""
+"""With so many entries in `Task.passed` the task is offered to proven providers only, while there is one with
+an active service of the kind. It ends with the eighth entry, and with the second that gave up."""
 
 
 PATIENCE_S = 3600

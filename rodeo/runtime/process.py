@@ -22,11 +22,14 @@ from rodeo.bus.messages import Status
 from rodeo.bus.origin import check_bus, origin_of
 from rodeo.bus.session import Bus
 from rodeo.errors import (
+    BusError,
     BusUnavailable,
     ClockUnavailable,
     ConfigError,
+    DiskFull,
     Interrupted,
     KeystoreMissing,
+    RemoteError,
     RodeoError,
 )
 from rodeo.host.clock import Clock, WallClock
@@ -322,6 +325,13 @@ def noting_its_end(data_dir: Path, stop: threading.Event) -> Iterator[None]:
     except Exception as error:
         note_ending(data_dir, repr(error), gave_up=False)
         raise
+
+
+def is_transient(error: RodeoError) -> bool:
+    """Whether the same request may succeed later: bus, disk or responder only cannot serve it now."""
+    if isinstance(error, RemoteError):
+        return error.passes
+    return isinstance(error, BusError | DiskFull)
 
 
 def repeated(

@@ -29,12 +29,12 @@ from rodeo.checks.acts import ConsumedActs
 from rodeo.checks.report import Report
 from rodeo.commands.judging import Rule
 from rodeo.dao import Participant
-from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
+from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.evidence.errors import EvidenceError, StoreUnavailable
 from rodeo.jobs import apart
 from rodeo.jobs.apart import FAULT
 from rodeo.kinds import Kinds, kinds_of
-from rodeo.runtime.process import Process, repeated
+from rodeo.runtime.process import Process, is_transient, repeated
 from rodeo.runtime.serving import served_by
 from rodeo.site.config import Site
 from rodeo.site.names import oracle_process
@@ -361,9 +361,9 @@ class Oracle:
         once the verdict on `task` is due; None when stopped."""
 
         def wait(error: RodeoError) -> None:
-            away = isinstance(error, BusError | StoreUnavailable | DiskFull | IndexBehind)
+            away = is_transient(error) or isinstance(error, StoreUnavailable | IndexBehind)
             # A bridge that fails at one task must not block all others.
-            if not (away or (isinstance(error, RemoteError) and error.passes and error.code != "internal")):
+            if not away or error.code == "internal":
                 raise error
             log.warning("waiting: %s", error)
             self._pause(task)

@@ -13,6 +13,7 @@ from rodeo.host.clock import Clock
 from rodeo.lab.config import Pose2
 from rodeo.robot.behaviour import Behaviour
 from rodeo.robot.errors import TaskFailed
+from rodeo.runtime.process import is_transient
 from rodeo.site.config import Site
 from services.robot_agent.decision import require_time_for_verdict, require_time_for_work
 from services.robot_agent.participant import RobotParticipant
@@ -95,6 +96,6 @@ class OtherAssignments:
             self._accept()
         except (BusError, RemoteError) as error:
             log.info("cannot answer another assignment yet: %s", error)
-            if isinstance(error, BusError) or error.passes:
+            if is_transient(error):
                 return
         self._answered_seq = seq

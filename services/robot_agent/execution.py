@@ -26,7 +26,7 @@ from rodeo.robot.errors import (
     Unreachable,
 )
 from rodeo.robot.recording import Recording
-from rodeo.runtime.process import Process
+from rodeo.runtime.process import Process, is_transient
 from services.robot_agent.acceptance import Acceptance, OtherAssignments
 from services.robot_agent.activity import Activity
 from services.robot_agent.machine import Machine, Skills
@@ -57,7 +57,7 @@ class AssignmentWatch:
         try:
             current = self._dao.task(self._task.id)
         except (BusError, RemoteError) as error:
-            if isinstance(error, RemoteError) and not error.passes:
+            if not is_transient(error):
                 raise
             log.debug("cannot ask for the assignment: %s", error)
             return

@@ -9,7 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import zenoh
 
-from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
+from rodeo.errors import RodeoError
+from rodeo.runtime.process import is_transient
 
 log = logging.getLogger(__name__)
 
@@ -26,7 +27,7 @@ class Busy(RodeoError):
 
 def passes(error: RodeoError) -> bool:
     """Whether only the bridge, the chain, the disk or this process cannot now."""
-    return isinstance(error, BusError | DiskFull | Busy) or (isinstance(error, RemoteError) and error.passes)
+    return isinstance(error, Busy) or is_transient(error)
 
 
 def mined_in_vain(error: RodeoError) -> bool:

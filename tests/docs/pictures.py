@@ -26,16 +26,15 @@ def take(page: Page, name: str, height: int) -> None:
 
 
 def main() -> None:
-    with tempfile.TemporaryDirectory(prefix="rodeo-pictures-") as folder:
-        running = RunningSite(write_site(Path(folder), "eth-tester", SITE))
-        try:
-            running.start_founded("console", ready=False)
-            running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
-            running.wait_ready("console")
-            with chromium() as browser:
-                _take_both(Desk(running, browser).page("ada"), running)
-        finally:
-            running.stop()
+    with (
+        tempfile.TemporaryDirectory(prefix="rodeo-pictures-") as folder,
+        RunningSite(write_site(Path(folder), "eth-tester", SITE)) as running,
+    ):
+        running.start_founded("console", ready=False)
+        running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+        running.wait_ready("console")
+        with chromium() as browser:
+            _take_both(Desk(running, browser).page("ada"), running)
 
 
 def _take_both(page: Page, running: RunningSite) -> None:

@@ -66,10 +66,9 @@ def closed_site(folder: Path) -> Site:
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
     folder = tmp_path_factory.mktemp("closed")
     closed_site(folder)
-    site = RunningSite(folder / "site.toml")
-    site.start("router")
-    yield site
-    site.stop()
+    with RunningSite(folder / "site.toml") as site:
+        site.start("router")
+        yield site
 
 
 class Voices(dict[str, Bus]):

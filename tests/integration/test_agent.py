@@ -6,36 +6,30 @@ import itertools
 import math
 import os
 import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from decimal import Decimal
 from hashlib import sha256
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from rodeo.bus.messages import DaoEvent, Status, Task
-from rodeo.bus.session import DaoEvents
+from rodeo.bus.messages import Task
 from rodeo.dao import Participant
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
 from rodeo.host.clock import WallClock
-from rodeo.lab.world import begin, build_world
 from rodeo.robot.decisions import Explained
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
 from rodeo.site import topics
-from rodeo.site.processes import processes_of
 from rodeo.witness.motion import track
 from rodeo.witness.statement import Classification, Drop, Motion, parse
-from rodeo_testing.waiting import HANG_S, wait_until
+from rodeo_testing.waiting import wait_until
 from services.robot_agent.energy import Consumption
-from tests.support.site import RunningSite, write_site
+from tests.support.live import LiveDao, living
+from tests.support.site import NewSite
 
 MIN_UPDATE_S = 120.0
 SITE = f"""clock.speed = 20
@@ -56,102 +50,14 @@ min_change = 0.01
 """
 
 
-class Organization:
-    """The organization's side of a running site."""
-
-    def __init__(self, running: RunningSite, wait_s: float = HANG_S) -> None:
-        self.running = running
-        self._wait_s = wait_s
-        self.events: list[DaoEvent] = []
-        self.activities: list[str] = []
-        self._changed = threading.Condition()
-        self._dao_events = DaoEvents(running.bus, running.site.org, self._on_event)
-        running.bus.subscribe_json(f"rodeo/{running.site.org}/status/robot_agent", self._on_status)
-
-    def _on_event(self, event: DaoEvent) -> None:
-        with self._changed:
-            self.events.append(event)
-            self._changed.notify_all()
-
-    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
-        with self._changed:
-            self.activities.append(Status.model_validate(data).activity)
-            self._changed.notify_all()
-
-    def wait_for_event(self, name: str, task_id: int) -> DaoEvent:
-        def found() -> DaoEvent | None:
-            return next((e for e in self.events if (e.name, e.task_id) == (name, task_id)), None)
-
-        return self._wait(found, f"{name} of task {task_id}")
-
-    def wait_for_activity(self, text: str) -> None:
-        self._wait(lambda: any(text in activity for activity in self.activities), text)
-
-    def _wait(self, found: Callable[[], Any], what: str) -> Any:
-        with self._changed:
-            assert self._changed.wait_for(found, self._wait_s), (
-                f"waited for {what}; events: {[(one.name, one.task_id) for one in self.events]}\n"
-                f"the oracle said:\n{self.running.log('oracle', 2_000)}\n"
-                f"the agent said:\n{self.running.log('robot_agent')}"
-            )
-            return found()
-
-    def post(self, item_id: str, **more: Any) -> int:
-        place = {item.id: item.pose for item in self.running.site.items}.get(item_id)
-        params = {"item_id": item_id, "x_m": place.x_m if place else 1.0, "y_m": place.y_m if place else 1.0}
-        request = {"kind": "waste_disposal", "reward_iec": "100", "params": params, **more}
-        key = f"rodeo/{self.running.site.org}/wallet/organization/register_task"
-        return int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
-
-    def lay(self, item_id: str) -> None:
-        """Put the item where the site has it, wherever an earlier attempt at the same test has left it."""
-        model = build_world(self.running.site)
-        lying = begin(model, self.running.site).body(item_id)
-        state = types.new("simulation_interfaces/msg/EntityState")
-        at, turn = state.pose.position, state.pose.orientation
-        at.x, at.y, at.z = map(float, lying.xpos)
-        turn.w, turn.x, turn.y, turn.z = map(float, lying.xquat)
-        node = Node(self.running.bus.session, "test", "", self.running.site.bus.domain_id, WallClock())
-        client = node.client(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type)
-        assert client.wait_for_server(HANG_S)
-        request = types.new(f"{topics.SET_ENTITY_STATE.type}_Request", entity=item_id, state=state)
-        assert client.call(request, HANG_S).result.result == 1
-        node.close()
-
-    def cancel(self, task_id: int) -> None:
-        key = f"rodeo/{self.running.site.org}/wallet/organization/cancel_task"
-        self.running.bus.query(key, {"task_id": task_id}, timeout_s=HANG_S)
-
-    def task(self, task_id: int) -> dict[str, Any]:
-        return self.running.bus.query(f"rodeo/{self.running.site.org}/state/task/{task_id}")
-
-    def balances_iec(self) -> dict[str, Decimal]:
-        wallets = self.running.bus.query(f"rodeo/{self.running.site.org}/state/wallets")["wallets"]
-        return {wallet["name"]: Decimal(wallet["balance_iec"]) for wallet in wallets}
-
-    def close(self) -> None:
-        self._dao_events.close()
-
-
-@contextmanager
-def living(path: Path, *processes: str) -> Iterator[Organization]:
-    """A site on which an organization was founded and these processes run; all of them if none is named."""
-    running = RunningSite(path)
-    running.start_founded(*(processes or (process.name for process in processes_of(running.site))))
-    organization = Organization(running)
-    yield organization
-    organization.close()
-    running.stop()
-
-
 @pytest.fixture(scope="module")
-def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    with living(write_site(tmp_path_factory.mktemp("agent"), chain_backend, SITE)) as organization:
+def organization(new_site: NewSite) -> Iterator[LiveDao]:
+    with living(new_site(SITE)) as organization:
         yield organization
 
 
 @pytest.mark.long
-def test_an_idle_robot_explores(organization: Organization) -> None:
+def test_an_idle_robot_explores(organization: LiveDao) -> None:
     running = organization.running
     organization.wait_for_activity("exploring")
     clock = WallClock()
@@ -168,11 +74,11 @@ def test_an_idle_robot_explores(organization: Organization) -> None:
 
 @pytest.mark.long
 def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
     organization.lay("item1")
     organization.activities.clear()
-    task_id = organization.post("item1")
+    task_id = organization.clean("item1")
     organization.wait_for_activity("carrying item1")
     running = organization.running
     os.kill(running.children["robot_agent"].pid, signal.SIGSTOP)
@@ -188,13 +94,13 @@ def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
     assert "putting item1 back to start again" in organization.activities
 
 
-def test_what_cannot_be_done_costs_the_robot_nothing(organization: Organization) -> None:
+def test_what_cannot_be_done_costs_the_robot_nothing(organization: LiveDao) -> None:
     # What it can tell beforehand it abandons, without a proof that somebody had to reject.
     unknown = {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}
     nowhere = {"item_id": "item2", "x_m": 1.0, "y_m": 1.0, "bin": "nowhere"}
     behind_a_wall = {"item_id": "item2", "x_m": -3.0, "y_m": 1.0}
     for params in (unknown, nowhere, behind_a_wall):
-        task_id = organization.post("item2", params=params, max_attempts=1)
+        task_id = organization.clean("item2", params=params, max_attempts=1)
         organization.wait_for_event("TaskRequeued", task_id)
         task = organization.task(task_id)
         assert (task["verdict"], task["proof_sha256"], task["state"]) == ("abandoned", None, "open")
@@ -203,7 +109,7 @@ def test_what_cannot_be_done_costs_the_robot_nothing(organization: Organization)
     # Where it has to look, motion capture vouches for what it does not find.
     pose = organization.running.site.items[1].pose
     beside = {"item_id": "item2", "x_m": pose.x_m, "y_m": pose.y_m - 0.6}
-    task_id = organization.post("item2", params=beside)
+    task_id = organization.clean("item2", params=beside)
     organization.wait_for_event("TaskSettled", task_id)
     task = organization.task(task_id)
     assert (task["verdict"], task["attempt"]) == ("impossible", 1), task["reason"]
@@ -211,10 +117,10 @@ def test_what_cannot_be_done_costs_the_robot_nothing(organization: Organization)
 
 
 def test_the_robot_goes_on_and_its_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
     organization.lay("item3")
-    task_id = organization.post("item3")
+    task_id = organization.clean("item3")
     organization.wait_for_event("TaskSettled", task_id)
     running = organization.running
     key = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="explain")
@@ -255,12 +161,12 @@ def test_the_robot_goes_on_and_its_proof_holds_every_recorded_topic_the_events_a
     assert listed[0] < motion[int(item.statement[moved.argmax()])].seq
 
 
-def site_pose(organization: Organization, item_id: str) -> tuple[float, float]:
+def site_pose(organization: LiveDao, item_id: str) -> tuple[float, float]:
     pose = next(item.pose for item in organization.running.site.items if item.id == item_id)
     return pose.x_m, pose.y_m
 
 
-def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organization: Organization) -> None:
+def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organization: LiveDao) -> None:
     """After the tests above: it has measured what a cleaning takes."""
     robot = Participant(organization.running.bus, organization.running.site.org, "panther1")
 
@@ -283,7 +189,7 @@ def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organiza
 
 
 def test_a_whole_site_settles_a_cleaning_and_a_charge_and_each_is_paid_by_the_one_it_served(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
     running = organization.running
     robot = Participant(running.bus, running.site.org, "panther1")

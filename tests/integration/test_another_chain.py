@@ -79,9 +79,8 @@ def test_from_nothing_to_a_payment_over_a_stall(
         sent = {"from": w3.eth.accounts[0], "to": address, "value": w3.to_wei(amount, "ether")}
         w3.eth.wait_for_transaction_receipt(w3.eth.send_transaction(sent))
     assert "the site is prepared" in rodeo(path, "site", "prepare")
-    running = RunningSite(path, wallets=False)
-    dao = Dao(running)
-    try:
+    with RunningSite(path, wallets=False) as running:
+        dao = Dao(running)
         running.start("router", *PROCESSES)
         clock = SimClock(running.bus.session, running.site.bus.domain_id)
         assert clock.wait_ready(threading.Event(), HANG_S)
@@ -104,5 +103,3 @@ def test_from_nothing_to_a_payment_over_a_stall(
 
         task = wait_until(settled, "the task is not settled")
         assert task["attempt"] == 1 and dao.balances()["panther1"] > 2000, task
-    finally:
-        running.stop()

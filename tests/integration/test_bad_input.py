@@ -21,8 +21,8 @@ from rodeo.evidence.store import Store
 from rodeo.signing import wallets
 from rodeo_testing.recordings import START_NS, Sample, Take, seal
 from rodeo_testing.waiting import HANG_S
-from tests.support.dao import CHARGING, PARAMS, Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.dao import CHARGING, PARAMS, Dao, founded
+from tests.support.site import NewSite
 
 CLEANING = "waste_disposal"
 TASK = {"kind": CLEANING, "reward_iec": "100", "params": PARAMS}
@@ -31,18 +31,11 @@ SERVICE = {"kind": CLEANING, "price_iec": "1"}
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+def dao(new_site: NewSite) -> Iterator[Dao]:
     """One organization whose only cleaner is panther1."""
-    running = RunningSite(write_site(tmp_path_factory.mktemp("dao"), chain_backend, "oracle.handover_s = 1"))
-    organization = Dao(running)
-    try:
-        organization.start()
-        organization.running.start("oracle")
+    with founded(new_site("oracle.handover_s = 1"), "oracle") as organization:
         organization.command("panther1", "register_service", kind=CLEANING, price_iec="100")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 def send(dao: Dao, key: str, payload: Any = None) -> dict[str, Any]:

@@ -33,41 +33,29 @@ from rodeo.witness.statement import Removal
 from rodeo.witness.witness import Witness
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.command import rodeo
-from tests.support.dao import CHARGING, PARAMS, Dao
+from tests.support.dao import CHARGING, PARAMS, Dao, founded
 from tests.support.index import index_differences
-from tests.support.site import RunningSite, readyz, write_site
+from tests.support.site import NewSite, RunningSite, readyz
 
 CLEANING = "waste_disposal"
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+def dao(new_site: NewSite) -> Iterator[Dao]:
     """One organization for the tests that leave it as they found it: a settled task, one idle cleaner."""
     extra = 'participants = [{ name = "carla" }]'
-    running = RunningSite(write_site(tmp_path_factory.mktemp("dao"), chain_backend, extra))
-    organization = Dao(running)
-    try:
-        organization.start()
+    with founded(new_site(extra)) as organization:
         organization.command("panther1", "register_service", kind=CLEANING, price_iec="100")
         first = organization.post()
         organization.prove(first)
         organization.judge(first, accepted=True)
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 @pytest.fixture(scope="module")
-def site_to_break(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("broken"), chain_backend))
-    organization = Dao(running)
-    try:
-        organization.start()
+def site_to_break(new_site: NewSite) -> Iterator[Dao]:
+    with founded(new_site()) as organization:
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 @pytest.fixture

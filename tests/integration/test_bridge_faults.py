@@ -177,7 +177,7 @@ def test_a_bridge_whose_journal_is_gone_says_so_and_posts_nothing_twice(running:
     dao = Dao(running)
     dao.start()
     dao.post(request_id="once")
-    dao.stop()
+    dao.close()
     running.kill("bridge")
     (journal,) = (running.site.data_dir / "bridge").glob("*/journal.sqlite")
     journal.rename(journal.with_name("copy.sqlite"))
@@ -220,7 +220,7 @@ def test_a_chain_that_was_made_anew_is_taken_for_another(running: RunningSite) -
     dao.start()
     first = dao.state("chain")
     dao.post(request_id="first")
-    dao.stop()
+    dao.close()
     running.kill("chain")
     shutil.rmtree(running.site.data_dir / "chain")
     with pytest.raises(ChainLost, match="--new-chain"):

@@ -16,9 +16,9 @@ from services.bridge.database import open_database
 from services.bridge.index import NOWHERE, UNDONE, Index, Position, TimedLog, sqlite_url
 from services.bridge.reading import Page
 from tests.integration.test_bridge import assert_index_equals_contracts
-from tests.support.dao import Dao
+from tests.support.dao import founded
 from tests.support.postgresql import postgresql
-from tests.support.site import RunningSite, write_site
+from tests.support.site import write_site
 
 GENESIS = "0x" + "01" * 32
 CREATOR, ROBOT, TASKS = ("0x" + digit * 40 for digit in "123")
@@ -180,20 +180,14 @@ def test_an_index_of_another_version_is_rebuilt_and_answers_the_same(
 
 
 def test_the_money_path_with_the_index_in_postgresql(url: str, tmp_path: Path) -> None:
-    running = RunningSite(write_site(tmp_path, extra=f'bridge.database = "{url}"'))
-    dao = Dao(running)
-    try:
-        dao.start()
+    with founded(write_site(tmp_path, extra=f'bridge.database = "{url}"')) as dao:
         dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         first = dao.post("120", description="nul: \0")
         dao.prove(first)
-        running.kill("bridge")
-        running.start("bridge")
+        dao.running.kill("bridge")
+        dao.running.start("bridge")
         dao.judge(first, accepted=True)
         dao.wait_for(lambda: "TaskSettled" in dao.names_of(first), "TaskSettled")
         assert [event.seq for event in dao.events] == list(range(1, len(dao.events) + 1))
         assert_index_equals_contracts(dao)
-        assert not list((running.site.data_dir / "bridge").rglob("index.sqlite"))
-    finally:
-        dao.stop()
-        running.stop()
+        assert not list((dao.running.site.data_dir / "bridge").rglob("index.sqlite"))

@@ -13,8 +13,8 @@ from eth_account import Account
 from rodeo_testing.waiting import HANG_S
 from services.bridge.index import UNDONE
 from tests.integration.test_bridge import assert_index_equals_contracts
-from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.dao import Dao, founded
+from tests.support.site import write_site
 
 DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
 """First account of the public test mnemonic, which anvil funds."""
@@ -22,15 +22,9 @@ DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("reorganizations"), "anvil"))
-    organization = Dao(running)
-    try:
-        organization.start()
+    with founded(write_site(tmp_path_factory.mktemp("reorganizations"), "anvil")) as organization:
         organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 def rpc(dao: Dao, method: str, *params: Any) -> Any:

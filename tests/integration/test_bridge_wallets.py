@@ -30,8 +30,8 @@ from rodeo.host.instance import GAVE_UP, PARENT_VARIABLE
 from rodeo.signing import keystores
 from rodeo_testing.waiting import HANG_S
 from tests.support import command
-from tests.support.dao import PARAMS, Dao
-from tests.support.site import RunningSite, readyz, write_site
+from tests.support.dao import PARAMS, Dao, founded
+from tests.support.site import NewSite, readyz
 
 ALICE: LocalAccount = Account.from_key("0x" + "a1" * 32)
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
@@ -40,14 +40,11 @@ LIMITS = '[bridge.limits.oracle]\ndaily_iec = "10"\n'
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+def dao(new_site: NewSite) -> Iterator[Dao]:
     alice, bob = f'name = "alice", address = "{ALICE.address}"', 'name = "bob", kinds = ["waste_disposal"]'
     carol = f'name = "carol", address = "{CAROL.address}"'
     extra = f"participants = [{{ {alice} }}, {{ {bob} }}, {{ {carol} }}]\n{LIMITS}"
-    running = RunningSite(write_site(tmp_path_factory.mktemp("wallets"), chain_backend, extra))
-    organization = Dao(running)
-    try:
-        organization.start()
+    with founded(new_site(extra)) as organization:
         w3 = Web3(HTTPProvider(organization.site.chain.url))
         paid = w3.eth.send_transaction(
             {"from": w3.eth.accounts[0], "to": ALICE.address, "value": Wei(10**18)}
@@ -56,9 +53,6 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
         for name in ("alice", "bob", "carol", "oracle"):
             organization.command("organization", "transfer", to=name, amount_iec="200")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 def alice(dao: Dao, account: LocalAccount = ALICE) -> Participant:

@@ -28,7 +28,7 @@ from rodeo_kinds.battery_charging.readings import unpack
 from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.charger.attempt import PROOF_SHARE
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 ORDERED_WH = 400.0
 
@@ -130,21 +130,15 @@ def session_end(proof: Proof) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def organization(
-    tmp_path_factory: pytest.TempPathFactory, chain_backend: str
-) -> Iterator[tuple[Organization, list[Hardware]]]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("charger"), chain_backend))
-    hardware: list[Hardware] = []
-    try:
+def organization(new_site: NewSite) -> Iterator[tuple[Organization, list[Hardware]]]:
+    with RunningSite(new_site()) as running:
         running.start("router")
-        hardware.append(Hardware(running))
+        hardware = [Hardware(running)]
         hardware[0].fast = False
         running.start_founded("bridge")
         yield Organization(running), hardware
-    finally:
         for one in hardware:
             one.close()
-        running.stop()
 
 
 @pytest.fixture

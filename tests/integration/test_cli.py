@@ -22,7 +22,7 @@ from rodeo.site.config import Site
 from rodeo_cli import app
 from rodeo_testing.waiting import HANG_S
 from tests.support import command
-from tests.support.site import LAB_PROCESSES, RunningSite, free_port, write_site
+from tests.support.site import LAB_PROCESSES, NewSite, RunningSite, free_port, write_site
 
 RODEO = (sys.executable, "-m", "rodeo_cli")
 QUIET = "clock.speed = 1.0\nclock.idle_speed = 20\nagent.explore_when_idle = false"
@@ -67,19 +67,18 @@ def line_with(output: Any, text: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def up(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Path]:
+def up(new_site: NewSite) -> Iterator[Path]:
     """A site's organization, where panther1 offers its service: what most commands need."""
-    running = RunningSite(write_site(tmp_path_factory.mktemp("site"), chain_backend, extra=QUIET))
-    running.start_founded("bridge")
-    rodeo(running.path, "service", "offer", "waste_disposal", "--price", "100", "--as", "panther1")
-    yield running.path
-    running.stop()
+    with RunningSite(new_site(QUIET)) as running:
+        running.start_founded("bridge")
+        rodeo(running.path, "service", "offer", "waste_disposal", "--price", "100", "--as", "panther1")
+        yield running.path
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Path]:
+def whole(new_site: NewSite) -> Iterator[Path]:
     """A whole site in the background; stopped from another folder at the end."""
-    site = write_site(tmp_path_factory.mktemp("whole"), chain_backend, extra=QUIET)
+    site = new_site(QUIET)
     try:
         started = rodeo(site, "up", "--detach")
         states = [line.split()[1] for line in started.stdout.splitlines()[1:]]

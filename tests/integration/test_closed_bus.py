@@ -47,10 +47,9 @@ def reachable() -> Iterator[RunningSite]:
     """A site of which every folder but the socket's may be entered by all."""
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         os.chmod(folder, 0o755)
-        running = RunningSite(write_site(Path(folder)))
-        running.start("router")
-        yield running
-        running.stop()
+        with RunningSite(write_site(Path(folder))) as running:
+            running.start("router")
+            yield running
 
 
 def connects_as_nobody(path: Path) -> subprocess.CompletedProcess[str]:
@@ -117,11 +116,10 @@ def test_plain_tcp_is_refused_with_what_to_do_instead(tmp_path: Path, router: st
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
     """A site whose bus was opened by choice."""
     extra = f'bus.open = true\nbus.router = "tcp/127.0.0.1:{free_port()}"'
-    running = RunningSite(write_site(tmp_path_factory.mktemp("opened"), extra=extra))
-    running.start("router")
-    running.start("console", ready=False)
-    yield running
-    running.stop()
+    with RunningSite(write_site(tmp_path_factory.mktemp("opened"), extra=extra)) as running:
+        running.start("router")
+        running.start("console", ready=False)
+        yield running
 
 
 def test_an_open_bus_is_told_of_by_status(opened: RunningSite) -> None:

@@ -15,7 +15,7 @@ from tests.support.accessibility import axe_finds_nothing, everything_is_named, 
 from tests.support.browser import chromium, watch
 from tests.support.console import WAIT_MS, Desk, click_map, open_page
 from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 SITE = """clock.speed = 20
 clock.idle_speed = 400
@@ -28,14 +28,13 @@ PHOTO = RENDERINGS / "paper_1.jpg"
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Desk]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("console"), chain_backend, SITE))
-    running.start_founded("console", ready=False)
-    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
-    running.wait_ready("console")
-    with chromium() as browser:
-        yield Desk(running, browser)
-    running.stop()
+def desk(new_site: NewSite) -> Iterator[Desk]:
+    with RunningSite(new_site(SITE)) as running:
+        running.start_founded("console", ready=False)
+        running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+        running.wait_ready("console")
+        with chromium() as browser:
+            yield Desk(running, browser)
 
 
 PAGES = (

@@ -42,8 +42,8 @@ from services.console.rest import make_api
 from tests.support.accessibility import tab_to
 from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, Desk, click_map, open_page, there
-from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.dao import Dao, founded
+from tests.support.site import NewSite
 from tests.support.views import logs_of
 
 SITE = """[[participants]]
@@ -85,21 +85,14 @@ class Office(Desk):
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Office]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("office"), chain_backend, SITE))
-    dao = Dao(running)
-    try:
-        dao.start()
-        running.start("console")
+def desk(new_site: NewSite) -> Iterator[Office]:
+    with founded(new_site(SITE), "console") as dao:
         dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         with chromium() as browser:
-            desk = Office(running, browser)
+            desk = Office(dao.running, browser)
             desk.dao = dao
             desk.accounts.add_user("fuzzer", PASSPHRASE, list(Role), "organization")
             yield desk
-    finally:
-        dao.stop()
-        running.stop()
 
 
 @pytest.mark.long

@@ -20,10 +20,10 @@ from rodeo.signing import keystores, wallets
 from rodeo_cli import app
 from tests.support.browser import chromium
 from tests.support.console import PASSPHRASE, Desk, open_page
-from tests.support.dao import Dao
+from tests.support.dao import Dao, founded
 from tests.support.executor import Executor, Film, stored
 from tests.support.index import index_differences
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite
 
 ORACLES = ("olga", "otto", "omar")
 JUDGES = ("anna", "bert", "carl", "dora")
@@ -42,16 +42,10 @@ REPORT = {"report_sha256": "0x" + "b" * 64, "report_uri": "file:///srv/store/rep
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("disputes"), chain_backend, SITE))
-    organization = Dao(running)
-    try:
-        organization.start()
+def dao(new_site: NewSite) -> Iterator[Dao]:
+    with founded(new_site(SITE)) as organization:
         organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 class Clock:

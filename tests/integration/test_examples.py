@@ -112,7 +112,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
         yield lab
         lab.robot.stop()
     finally:
-        lab.dao.stop()
+        lab.dao.close()
         lab.running.stop()
 
 

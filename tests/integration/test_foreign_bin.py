@@ -17,7 +17,7 @@ from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import DaoEvents
 from rodeo.host.instance import PARENT_VARIABLE
 from rodeo_testing.waiting import HANG_S
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 pytestmark = pytest.mark.long
 
@@ -32,10 +32,9 @@ def test_the_foreign_bin_imports_nothing_of_the_services() -> None:
 
 
 @pytest.fixture
-def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
-    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
-    logs = running.site.data_dir / "logs"
-    try:
+def running(new_site: NewSite) -> Iterator[RunningSite]:
+    with RunningSite(new_site(SITE)) as running:
+        logs = running.site.data_dir / "logs"
         running.start_founded()
         running.start("robot_sim", "bridge", "oracle")
         with (logs / "itrash.log").open("ab") as output:
@@ -50,8 +49,6 @@ def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
         running.wait_ready("itrash")
         running.start("robot_agent")
         yield running
-    finally:
-        running.stop()
 
 
 def test_a_robot_is_paid_on_the_word_of_a_bin_of_another_make(running: RunningSite) -> None:

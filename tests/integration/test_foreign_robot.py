@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from rodeo.lab.items import shape_of
 from rodeo.lab.world import robot_model
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim.urdf import to_urdf
-from tests.integration.test_agent import Organization
+from tests.support.live import LiveDao
 from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
@@ -118,16 +118,14 @@ class ForeignRobot:
 @contextmanager
 def running_site(folder: Path, chain_backend: str, site: str, *minds: str) -> Iterator[RunningSite]:
     (folder / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
-    running = RunningSite(write_site(folder, chain_backend, site))
-    running.start_founded()
-    running.start("robot_sim")
-    foreign = ForeignRobot(running)
-    try:
-        running.start("bridge", "oracle", "itrash", *minds)
-        yield running
-    finally:
-        foreign.stop()
-        running.stop()
+    with RunningSite(write_site(folder, chain_backend, site)) as running:
+        running.start_founded("robot_sim")
+        foreign = ForeignRobot(running)
+        try:
+            running.start("bridge", "oracle", "itrash", *minds)
+            yield running
+        finally:
+            foreign.stop()
 
 
 @pytest.fixture
@@ -164,21 +162,20 @@ def test_one_of_ours_works_beside_it_on_a_clock_that_waits_for_minds_and_jumps_w
     tmp_path: Path, chain_backend: str
 ) -> None:
     """What the foreign robot does nobody here simulates, and time is not jumped over while it does it."""
-    with running_site(tmp_path, chain_backend, f"clock.idle_speed = 0\n{SITE}{BESIDE}") as running:
-        organization = Organization(running, wait_s=HANG_S)
-        try:
-            # Before there are minds: this robot lives through the time that is jumped over, and is late then.
-            tasks = [organization.post("item1")]
-            running.start("robot_agent.arthur")
-            organization.wait_for_event("TaskAssigned", tasks[0])
-            running.start("robot_agent.panther1")
-            settled = [organization.wait_for_event("TaskSettled", tasks[0])]
-            tasks.append(organization.post("item2", provider="panther1"))
-            settled.append(organization.wait_for_event("TaskSettled", tasks[1]))
-            for number, executor in enumerate(("arthur", "panther1")):
-                task = organization.task(tasks[number])
-                assert (task["verdict"], task["attempt"], task["executor_name"]) == ("accepted", 1, executor)
-                # Minutes of work: had the clock jumped meanwhile, it would be hours.
-                assert 20 < settled[number].time_s - task["assigned"] < 900
-        finally:
-            organization.close()
+    with (
+        running_site(tmp_path, chain_backend, f"clock.idle_speed = 0\n{SITE}{BESIDE}") as running,
+        closing(LiveDao(running)) as organization,
+    ):
+        # Before there are minds: this robot lives through the time that is jumped over, and is late then.
+        tasks = [organization.clean("item1")]
+        running.start("robot_agent.arthur")
+        organization.wait_for_event("TaskAssigned", tasks[0])
+        running.start("robot_agent.panther1")
+        settled = [organization.wait_for_event("TaskSettled", tasks[0])]
+        tasks.append(organization.clean("item2", provider="panther1"))
+        settled.append(organization.wait_for_event("TaskSettled", tasks[1]))
+        for number, executor in enumerate(("arthur", "panther1")):
+            task = organization.task(tasks[number])
+            assert (task["verdict"], task["attempt"], task["executor_name"]) == ("accepted", 1, executor)
+            # Minutes of work: had the clock jumped meanwhile, it would be hours.
+            assert 20 < settled[number].time_s - task["assigned"] < 900

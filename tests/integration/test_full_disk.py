@@ -16,7 +16,8 @@ import pytest
 
 from rodeo.errors import RemoteError
 from rodeo_testing.waiting import wait_until
-from tests.integration.test_agent import SITE, Organization
+from tests.integration.test_agent import SITE
+from tests.support.live import LiveDao
 from tests.support.site import RunningSite, write_site
 
 DISK_MB = 200
@@ -48,11 +49,11 @@ def fill(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def post(organization: Organization) -> int:
+def post(organization: LiveDao) -> int:
     """The task, or 0 where the bridge cannot now: it may notice only after it was ready that what it wrote
     while the disk was full was not written."""
     try:
-        return organization.post("item1", request_id="when there is room")
+        return organization.clean("item1", request_id="when there is room")
     except RemoteError as refusal:
         assert refusal.passes, refusal
         return 0
@@ -60,8 +61,7 @@ def post(organization: Organization) -> int:
 
 @pytest.mark.long
 def test_a_full_disk_pauses_every_process_and_ends_none(small_disk: Path, chain_backend: str) -> None:
-    running = RunningSite(write_site(small_disk, chain_backend, SITE))
-    try:
+    with RunningSite(write_site(small_disk, chain_backend, SITE)) as running:
         running.start_founded()
         running.start(*WRITERS)
         pids = {name: child.pid for name, child in running.children.items()}
@@ -73,7 +73,7 @@ def test_a_full_disk_pauses_every_process_and_ends_none(small_disk: Path, chain_
             assert named, (name, status.reason)
         (small_disk / "filler").unlink()
         running.wait_ready(*WRITERS)
-        with closing(Organization(running)) as organization:
+        with closing(LiveDao(running)) as organization:
             task_id = wait_until(lambda: post(organization))
             organization.wait_for_event("TaskSettled", task_id)
         assert {name: child.pid for name, child in running.children.items() if child.poll() is None} == pids
@@ -81,5 +81,3 @@ def test_a_full_disk_pauses_every_process_and_ends_none(small_disk: Path, chain_
             log = (running.site.data_dir / "logs" / f"{name}.log").read_text()
             assert "Traceback" not in log, name
             assert all(line.startswith("20") for line in log.splitlines()), name
-    finally:
-        running.stop()

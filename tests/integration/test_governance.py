@@ -20,8 +20,8 @@ from rodeo.signing import wallets
 from rodeo_cli import app
 from tests.support.browser import chromium
 from tests.support.console import PASSPHRASE, Desk, open_page
-from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.dao import Dao, founded
+from tests.support.site import NewSite
 
 DELAY_S, PERIOD_S = 3600, 86_400
 REPAIRS = "0x4E4E4E4e4E4e4e4E4e4E4E4e4E4E4E4E4e4E4e4e"
@@ -43,24 +43,15 @@ delay_s = {DELAY_S}
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    yield from running_site(tmp_path_factory, chain_backend, SITE)
+def dao(new_site: NewSite) -> Iterator[Dao]:
+    with founded(new_site(SITE)) as dao:
+        yield dao
 
 
 @pytest.fixture(scope="module")
-def waiting(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    yield from running_site(tmp_path_factory, chain_backend, WAITING)
-
-
-def running_site(tmp_path_factory: pytest.TempPathFactory, chain_backend: str, site: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("vote"), chain_backend, site))
-    organization = Dao(running)
-    try:
-        organization.start()
-        yield organization
-    finally:
-        organization.stop()
-        running.stop()
+def waiting(new_site: NewSite) -> Iterator[Dao]:
+    with founded(new_site(WAITING)) as dao:
+        yield dao
 
 
 def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.integration.test_agent import Organization, living
-from tests.support.site import write_site
+from tests.support.live import LiveDao, living
+from tests.support.site import NewSite
 
 pytestmark = pytest.mark.long
 
@@ -18,20 +18,20 @@ clock.idle_speed = 400
 
 
 @pytest.fixture(scope="module")
-def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    path = write_site(tmp_path_factory.mktemp("many"), chain_backend, SITE)
+def organization(new_site: NewSite) -> Iterator[LiveDao]:
+    path = new_site(SITE)
     with living(path, "bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent") as organization:
         yield organization
 
 
-def ended(organization: Organization, name: str, task_id: int) -> dict[str, Any]:
+def ended(organization: LiveDao, name: str, task_id: int) -> dict[str, Any]:
     organization.wait_for_event(name, task_id)
     return organization.task(task_id)
 
 
-def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organization) -> None:
+def test_tasks_that_wait_at_once_are_done_one_after_another(organization: LiveDao) -> None:
     before_iec = organization.balances_iec()["panther1"]
-    task_ids = [organization.post(f"item{n}") for n in (1, 2, 3)]
+    task_ids = [organization.clean(f"item{n}") for n in (1, 2, 3)]
     for task_id in task_ids:
         task = ended(organization, "TaskSettled", task_id)
         assert (task["state"], task["attempt"], task["verdict"]) == ("settled", 1, "accepted"), task
@@ -41,9 +41,9 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organi
     # says, and the robot is paid a tenth for its trouble. It lies alone in its compartment: two would creep
     # over each other, and nobody could tell since when each lies there. What the site does not have is given
     # back at once.
-    again = organization.post("item3")
-    unknown = organization.post("item99")
-    cancelled = organization.post("item2")
+    again = organization.clean("item3")
+    unknown = organization.clean("item99")
+    cancelled = organization.clean("item2")
     organization.cancel(cancelled)
     assert organization.task(cancelled)["state"] == "cancelled"
     task = ended(organization, "TaskSettled", again)

@@ -59,8 +59,7 @@ class Office:
 
 
 def test_a_recording_holds_what_motion_capture_saw_under_the_heads_that_it_heard(tmp_path: Path) -> None:
-    running = RunningSite(write_site(tmp_path, extra="clock.speed = 10"))
-    try:
+    with RunningSite(write_site(tmp_path, extra="clock.speed = 10")) as running:
         running.start("router")
         Office(running)
         running.start("robot_sim")
@@ -78,8 +77,6 @@ def test_a_recording_holds_what_motion_capture_saw_under_the_heads_that_it_heard
         recording.suspend()
         Recorder.finish(path, BINDING, ROBOT, clock)
         clock.close()
-    finally:
-        running.stop()
     proof = open_proof(path)
     assert not [topic for topic in proof.topics if topic.startswith("/mocap/")]
     attestations = proof.attestations()

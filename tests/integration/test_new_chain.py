@@ -9,19 +9,17 @@ import pytest
 
 from deploy.chain.record import give_up_chain
 from rodeo.dao import ORGANIZATION, Participant
-from tests.integration.test_agent import SITE, Organization
-from tests.support.site import RunningSite, write_site
+from tests.integration.test_agent import SITE
+from tests.support.live import living
+from tests.support.site import write_site
 
 
 @pytest.mark.long
 def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp_path: Path) -> None:
-    running = RunningSite(write_site(tmp_path, extra=SITE))
-    organization = None
-    try:
-        running.start_founded()
-        running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
-        organization = Organization(running)
-        assert organization.post("item1") == 1
+    processes = "bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent"
+    with living(write_site(tmp_path, extra=SITE), *processes) as organization:
+        running = organization.running
+        assert organization.clean("item1") == 1
         organization.wait_for_event("TaskSettled", 1)
 
         running.kill("chain")
@@ -32,7 +30,7 @@ def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp
         running.wait_ready("bridge", "charger", "robot_agent")
         organization.events.clear()
 
-        assert organization.post("item2") == 1
+        assert organization.clean("item2") == 1
         organization.wait_for_event("TaskSettled", 1)
         assert (
             Participant(running.bus, running.site.org, ORGANIZATION).own_service("battery_charging")
@@ -41,7 +39,3 @@ def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp
         assert "belongs to another chain" in running.log("robot_agent")
         attempts = {path.name for path in (running.site.data_dir / "robot_agent" / "tasks").iterdir()}
         assert attempts == {"1-1", "1-1.of-another-assignment-1"}
-    finally:
-        if organization is not None:
-            organization.close()
-        running.stop()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import queue
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from rodeo.ros2.node import Node
 from rodeo.site import tls
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.robot_sim.urdf import to_urdf
-from tests.integration.test_agent import Organization
+from tests.support.live import LiveDao
 from tests.support.noetic import PACKAGE, Graph, generate, needs_ros1
 from tests.support.site import RunningSite, free_port, write_site
 
@@ -107,10 +108,9 @@ def relays(running: RunningSite) -> dict[str, dict[str, Any]]:
 def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
     (tmp_path / "panther.urdf").write_text(to_urdf(robot_model(), ROBOT))
     extra = f'bus.router = "tls/127.0.0.1:{free_port()}"\n{SITE}'
-    running = RunningSite(write_site(tmp_path, chain_backend, extra))
-    ensure_certificates(running.site)
-    yield running
-    running.stop()
+    with RunningSite(write_site(tmp_path, chain_backend, extra)) as running:
+        ensure_certificates(running.site)
+        yield running
 
 
 def start_robot(graph: Graph, running: RunningSite) -> None:
@@ -136,9 +136,8 @@ def test_a_robot_that_is_nodes_of_ros_1_cleans_and_is_paid(running: RunningSite,
         graph.start_relay(name, config)
     start_robot(graph, running)
     running.start("bridge", "oracle", "itrash", "ros_dao", "robot_agent")
-    organization = Organization(running, wait_s=HANG_S)
-    try:
-        task = organization.post("item1")
+    with closing(LiveDao(running)) as organization:
+        task = organization.clean("item1")
         organization.wait_for_event("TaskSettled", task)
         done = organization.task(task)
         assert (done["verdict"], done["attempt"], done["executor_name"]) == ("accepted", 1, ROBOT), done
@@ -148,8 +147,6 @@ def test_a_robot_that_is_nodes_of_ros_1_cleans_and_is_paid(running: RunningSite,
         wallet = json.loads(graph.wait_for("small", '"wallet"'))
         balance = organization.balances_iec()[ROBOT]
         assert wallet == {"wallet": [ROBOT], "balance": f"{balance:f}"}
-    finally:
-        organization.close()
     for name in ("body", "nodes", "world"):
         assert "Traceback" not in graph.log(name), graph.log(name)
 

@@ -22,8 +22,8 @@ from rodeo.ros2.node import Node
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.signing import wallets
 from rodeo_testing.waiting import HANG_S, wait_until
-from tests.integration.test_agent import Organization, living
-from tests.support.site import write_site
+from tests.support.live import LiveDao, living
+from tests.support.site import NewSite
 
 pytestmark = pytest.mark.long
 
@@ -48,18 +48,18 @@ PNG = cv2.imencode(".png", np.full((48, 64, 3), 120, np.uint8))[1].tobytes()
 
 
 @pytest.fixture(scope="module")
-def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    path = write_site(tmp_path_factory.mktemp("operators"), chain_backend, SITE)
+def organization(new_site: NewSite) -> Iterator[LiveDao]:
+    path = new_site(SITE)
     with living(path, "bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent") as organization:
         yield organization
 
 
-def order(organization: Organization, name: str) -> dict[str, Any]:
+def order(organization: LiveDao, name: str) -> dict[str, Any]:
     bus, org = organization.running.bus, organization.running.site.org
     return bus.query(f"rodeo/{org}/robot/panther1/{name}")
 
 
-def service_state(organization: Organization) -> str:
+def service_state(organization: LiveDao) -> str:
     dao = Participant(organization.running.bus, organization.running.site.org, "panther1")
     service = dao.own_service("waste_disposal")
     assert service is not None
@@ -67,7 +67,7 @@ def service_state(organization: Organization) -> str:
 
 
 def test_a_robot_asks_a_person_to_clean_its_wheels_and_an_auditor_has_it_paid(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
     running, site = organization.running, organization.running.site
     alice = Participant(running.bus, site.org, "alice")
@@ -110,7 +110,7 @@ def test_a_robot_asks_a_person_to_clean_its_wheels_and_an_auditor_has_it_paid(
 
 
 def test_a_pause_holds_across_a_restart_and_the_service_is_paused_on_chain(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
     assert order(organization, "pause")["paused"] is True
     wait_until(lambda: service_state(organization) == "paused", "waited for the service to pause")
@@ -119,14 +119,14 @@ def test_a_pause_holds_across_a_restart_and_the_service_is_paused_on_chain(
     assert order(organization, "state")["paused"] is True
     assert service_state(organization) == "paused"
     organization.lay("item1")
-    task_id = organization.post("item1", allow_wait=True)
+    task_id = organization.clean("item1", allow_wait=True)
     assert organization.task(task_id)["state"] == "open"
     assert order(organization, "resume")["paused"] is False
     organization.wait_for_event("TaskSettled", task_id)
 
 
 def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when_resumed(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
     running = organization.running
     clock = SimClock(running.bus.session, running.site.bus.domain_id)
@@ -134,7 +134,7 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
     node, robot = Node(running.bus.session, "test", "", 0, clock), running.site.robots[0]
     body = RosBody(node, running.site, robot, clock, Interrupts())
     organization.lay("item3")
-    task_id = organization.post("item3")
+    task_id = organization.clean("item3")
     wait_until(lambda: order(organization, "state")["task_id"] == task_id, "waited for the robot to work")
     assert order(organization, "stop")["stopped"] is True
     wait_until(lambda: "stopped" in order(organization, "state")["activity"], "waited for it to say so")
@@ -148,9 +148,9 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
 
 
 def test_a_cancelled_attempt_fails_on_chain_with_its_reason_and_the_arm_folded(
-    organization: Organization,
+    organization: LiveDao,
 ) -> None:
-    task_id = organization.post("item2", max_attempts=1)
+    task_id = organization.clean("item2", max_attempts=1)
     wait_until(lambda: order(organization, "state")["task_id"] == task_id, "waited for the robot to work")
     order(organization, "cancel")
     organization.wait_for_event("TaskFailed", task_id)
@@ -158,7 +158,7 @@ def test_a_cancelled_attempt_fails_on_chain_with_its_reason_and_the_arm_folded(
     assert reason.startswith('not_given_up: the executor reports: "given up by an operator"')
 
 
-def test_an_ordered_charge_is_bought_at_once(organization: Organization) -> None:
+def test_an_ordered_charge_is_bought_at_once(organization: LiveDao) -> None:
     assert order(organization, "charge")["charge_ordered"] is True
     organization._wait(
         lambda: any(

@@ -25,22 +25,18 @@ from rodeo.signing import wallets
 from rodeo.witness.days import DayLog, day_of
 from rodeo.witness.statement import Scope
 from rodeo_cli import app
-from tests.support.dao import Dao
+from tests.support.dao import Dao, founded
 from tests.support.executor import PLACE, Executor, Film, stored
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+def dao(new_site: NewSite) -> Iterator[Dao]:
     extra = 'participants = [{ name = "thief", kinds = ["waste_disposal"] }]\noracle.handover_s = 3'
-    running = RunningSite(write_site(tmp_path_factory.mktemp("oracle"), chain_backend, extra))
-    organization = Dao(running)
-    try:
-        organization.start()
-        running.start("oracle")
+    with founded(new_site(extra), "oracle") as organization:
         organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         # Past the bridge, which lets nobody offer the same twice: two tasks can be its at the same time.
-        client, account = organization.client(), wallets.load(running.site, "panther1")
+        client, account = organization.client(), wallets.load(organization.running.site, "panther1")
         client.send(
             account, client.calls.register_service("waste_disposal", IEC.to_units(Decimal(100)), 0, True, "")
         )
@@ -49,9 +45,6 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
             "the second service",
         )
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 @pytest.fixture(scope="module")
@@ -239,7 +232,7 @@ def test_a_proof_that_the_store_damaged_is_put_there_again_and_paid(
     task_id = executor.assigned()
     path = executor.record(task_id)
     uri = executor.store.put(path)
-    sha256 = "0x" + in_store(uri).stem
+    sha256 = Store.hash_of(uri)
     in_store(uri).write_bytes(path.read_bytes()[:-100])
     executor.submit(task_id, sha256, uri)
     waiting = dao.running.wait_for_status("oracle", lambda status: "waits for its proof" in status.activity)
@@ -256,7 +249,7 @@ def test_a_proof_in_a_store_that_cannot_be_read_is_handed_over_and_paid(
     task_id = executor.assigned()
     path = executor.record(task_id)
     uri = executor.store.put(path)
-    sha256 = "0x" + in_store(uri).stem
+    sha256 = Store.hash_of(uri)
     in_store(uri).unlink()
     in_store(uri).symlink_to(in_store(uri))  # a disk that answers with an error
     executor.submit(task_id, sha256, uri)
@@ -284,7 +277,7 @@ def test_the_hash_of_nothing_earns_nothing_and_holds_up_nobody_else(
     thief = Participant(dao.running.bus, dao.site.org, "thief")
     thief.submit_proof(theirs, 1, "0x" + "cf" * 32, f"{dao.site.store_url}/{'cf' * 32}.mcap")
     uri = executor.store.put(path)
-    executor.submit(own, "0x" + in_store(uri).stem, uri)
+    executor.submit(own, Store.hash_of(uri), uri)
     assert executor.verdict(own, 1)["verdict"] == "accepted"
     verdict = executor.verdict(theirs, 1)
     assert verdict["verdict"] == "rejected"

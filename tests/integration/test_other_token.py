@@ -20,38 +20,33 @@ from rodeo.signing import keystores
 from rodeo_cli.formatting import iec
 from rodeo_testing.waiting import HANG_S
 from tests.support import command
-from tests.support.dao import PARAMS, Dao
+from tests.support.dao import PARAMS, Dao, founded
 from tests.support.plain_token import ADDRESS, PlainToken
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 TOKEN = 10**6
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+def dao(new_site: NewSite) -> Iterator[Dao]:
     extra = (
         f'economy.token = {{ address = "{ADDRESS}", decimals = 6 }}\n'
         f'participants = [{{ name = "carol", address = "{CAROL.address}" }}]\n'
         "governance.budgets = {}\n"
     )
-    running = RunningSite(write_site(tmp_path_factory.mktemp("token"), chain_backend, extra))
-    organization = Dao(running)
 
-    def make_token() -> None:
+    def make_token(running: RunningSite) -> None:
         token = PlainToken(running.site.chain.url, 6)
         for name in ("organization", "panther1"):
             token.mint(keystores.address(running.site, name), 1000 * TOKEN)
         token.mint(CAROL.address, 50 * TOKEN)
 
-    try:
-        organization.start(make_token)
+    path = new_site(extra)
+    with founded(path, before_contracts=make_token) as organization:
         # The treasury is paid in by the operator's own account.
         organization.command("organization", "deposit", amount_iec="400.000001")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 def balances(dao: Dao) -> dict[str, Decimal]:

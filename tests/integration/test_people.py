@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from rodeo.person.photo_code import photo_code
 from rodeo_cli import app
 from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 from tests.unit.vision.test_likeness import jpeg, scene
 
 SITE = """clock.source = "wall"
@@ -23,14 +23,13 @@ participants = [{ name = "alice" }, { name = "bob" }]
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("people"), chain_backend, SITE))
-    running.start_founded("bridge", "oracle")
-    dao = Dao(running)
-    for name in ("alice", "bob"):  # so that they work with several services at once
-        rodeo(dao, "organization", "vouch", name)
-    yield dao
-    running.stop()
+def dao(new_site: NewSite) -> Iterator[Dao]:
+    with RunningSite(new_site(SITE)) as running:
+        running.start_founded("bridge", "oracle")
+        dao = Dao(running)
+        for name in ("alice", "bob"):  # so that they work with several services at once
+            rodeo(dao, "organization", "vouch", name)
+        yield dao
 
 
 def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import time
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from rodeo_cli import app
 from tests.support.dao import Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 LEAST_S = 600.0
 SITE = f"""clock.speed = 20
@@ -31,13 +30,10 @@ def rodeo(dao: Dao, *arguments: str) -> str:
 
 
 @pytest.mark.long
-def test_a_person_has_the_named_time_on_the_wall_clock_and_is_told_both(
-    tmp_path: Path, chain_backend: str
-) -> None:
-    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
-    dao = Dao(running)
-    try:
+def test_a_person_has_the_named_time_on_the_wall_clock_and_is_told_both(new_site: NewSite) -> None:
+    with RunningSite(new_site(SITE)) as running:
         running.start("router", "robot_sim", ready=False)
+        dao = Dao(running)
         dao.start()
         shortest = ("--min-window", "600", "--grace", "300")
         rodeo(dao, "organization", "kind", "window_cleaning", "--judge", "auditor", *shortest)
@@ -60,6 +56,4 @@ def test_a_person_has_the_named_time_on_the_wall_clock_and_is_told_both(
         assert dao.task(task_id)["state"] == "submitted"
         rodeo(dao, "task", "judge", str(task_id), "--accept", "--reason", "So one can.")
         running.wait_for_status("robot_sim", lambda one: one.activity == "simulating")
-    finally:
-        dao.stop()
-        running.stop()
+        dao.close()

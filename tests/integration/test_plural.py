@@ -10,11 +10,12 @@ import pytest
 
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
+from rodeo.site.config import Site
 from rodeo.site.processes import processes_of
 from rodeo.witness.statement import Drop, parse
 from rodeo_testing.waiting import HANG_S
-from tests.integration.test_agent import Organization
-from tests.support.site import LAB, RunningSite, write_site
+from tests.support.live import LiveDao, living
+from tests.support.site import LAB, NewSite
 
 pytestmark = pytest.mark.long
 
@@ -49,21 +50,17 @@ def assert_paid_by_the_rates(charge: dict[str, Any]) -> None:
 
 
 @pytest.fixture
-def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("plural"), chain_backend, SITE))
-    running.start_founded()
-    names = [process.name for process in processes_of(running.site)]
-    running.start(*(name for name in names if name not in ("router", "chain", "console")))
-    organization = Organization(running, wait_s=300.0)
-    yield organization
-    organization.close()
-    running.stop()
+def organization(new_site: NewSite) -> Iterator[LiveDao]:
+    path = new_site(SITE)
+    names = [process.name for process in processes_of(Site.load(path)) if process.name != "console"]
+    with living(path, *names, wait_s=300.0) as organization:
+        yield organization
 
 
-def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: Organization) -> None:
+def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: LiveDao) -> None:
     running = organization.running
     params = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2, "bin": "bin_east"}
-    cleaning = organization.post("item1", params=params)
+    cleaning = organization.clean("item1", params=params)
     organization.wait_for_event("TaskSettled", cleaning)
     task = organization.task(cleaning)
     worker = task["executor_name"]

@@ -17,9 +17,9 @@ from rodeo.money.currency import IEC
 from rodeo.signing import keystores, wallets
 from rodeo.site import topics
 from rodeo_cli import app
-from tests.support.dao import Dao
+from tests.support.dao import Dao, founded
 from tests.support.executor import Executor, Film, stored
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite
 
 ORACLES = ("anna", "bert", "carl", "dora", "erin")
 AT_WORK = ("oracle.anna", "oracle.bert", "oracle.carl")
@@ -28,17 +28,10 @@ SITE = "".join(f'\n[[oracles]]\nname = "{name}"\n' for name in ORACLES)
 
 
 @pytest.fixture(scope="module")
-def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("quorum"), chain_backend, SITE))
-    organization = Dao(running)
-    try:
-        organization.start()
-        running.start(*AT_WORK)
+def dao(new_site: NewSite) -> Iterator[Dao]:
+    with founded(new_site(SITE), *AT_WORK) as organization:
         organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 def lie(dao: Dao, task: Task, signed_by: str, name: str) -> None:

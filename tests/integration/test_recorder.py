@@ -26,7 +26,7 @@ from rodeo.site.topics import Topic
 from rodeo.witness.witness import unverified_seal
 from rodeo_cli.site import read_rows
 from rodeo_testing.waiting import HANG_S, wait_until
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 ROBOTS = ("panther1", "panther2", "panther3")
 SITE = "clock.speed = 5\nagent.explore_when_idle = false\n" + "".join(
@@ -101,13 +101,10 @@ def recorder(robot: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Lab]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("recorder"), chain_backend, SITE))
-    try:
+def lab(new_site: NewSite) -> Iterator[Lab]:
+    with RunningSite(new_site(SITE)) as running:
         running.start_founded("bridge", "robot_sim", *map(recorder, ROBOTS))
         yield Lab(running)
-    finally:
-        running.stop()
 
 
 @contextmanager

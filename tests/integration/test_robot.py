@@ -37,28 +37,26 @@ NAVIGATE = "nav2_msgs/action/NavigateToPose"
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
     """Router and simulator, faster than life but slow enough to interrupt."""
-    running = RunningSite(
+    with RunningSite(
         write_site(tmp_path_factory.mktemp("robot"), extra="clock.speed = 20\nclock.idle_speed = 20")
-    )
-    running.start("router", "robot_sim")
-    yield running
-    running.stop()
+    ) as running:
+        running.start("router", "robot_sim")
+        yield running
 
 
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, RosBody]]:
     """One that a busy machine is in time to interrupt, too."""
-    running = RunningSite(
+    with RunningSite(
         write_site(tmp_path_factory.mktemp("slow"), extra="clock.speed = 4\nclock.idle_speed = 4")
-    )
-    running.start("router", "robot_sim")
-    clock = SimClock(running.bus.session, 0)
-    assert clock.wait_ready(threading.Event(), HANG_S)
-    node = Node(running.bus.session, "test", "", 0, clock)
-    yield node, RosBody(node, running.site, running.site.robots[0], clock, Interrupts())
-    node.close()
-    clock.close()
-    running.stop()
+    ) as running:
+        running.start("router", "robot_sim")
+        clock = SimClock(running.bus.session, 0)
+        assert clock.wait_ready(threading.Event(), HANG_S)
+        node = Node(running.bus.session, "test", "", 0, clock)
+        yield node, RosBody(node, running.site, running.site.robots[0], clock, Interrupts())
+        node.close()
+        clock.close()
 
 
 @pytest.fixture(scope="module")

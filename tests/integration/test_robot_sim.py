@@ -116,9 +116,8 @@ def speed() -> int:
 
 @pytest.fixture
 def lab(tmp_path: Path, speed: int) -> Iterator[RunningSite]:
-    site = RunningSite(write_site(tmp_path, extra=SITE.format(speed=speed)))
-    yield site
-    site.stop()
+    with RunningSite(write_site(tmp_path, extra=SITE.format(speed=speed))) as site:
+        yield site
 
 
 @pytest.fixture

@@ -25,8 +25,8 @@ from rodeo.ros2.node import Node
 from rodeo.site import tls
 from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S, wait_until
-from tests.support.dao import PARAMS, Dao
-from tests.support.site import RunningSite, free_port, write_site
+from tests.support.dao import PARAMS, Dao, founded
+from tests.support.site import free_port, write_site
 
 CLEANING = "waste_disposal"
 SITE = """bus.router = "tls/127.0.0.1:{port}"
@@ -52,11 +52,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
     folder = tmp_path_factory.mktemp("ros")
     path = write_site(folder, chain_backend, SITE.format(port=free_port()))
     ensure_certificates(Site.load(path))
-    running = RunningSite(path)
-    organization = Dao(running)
-    try:
-        organization.start()
-        running.start(PROCESS, "ros_dao.berts")
+    with founded(path, PROCESS, "ros_dao.berts") as organization:
         robot = Caller(organization, "panther1")
         for name in ("anna-2", "bert"):
             done(robot.call("transfer", to=name, amount_iec="500"))
@@ -64,9 +60,6 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
         # Who is proven does not rest after it gave a task back.
         organization.command("organization", "vouch", account="bert")
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 class Caller:

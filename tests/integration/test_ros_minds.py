@@ -6,7 +6,6 @@ import re
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 
 import pytest
 
@@ -16,9 +15,9 @@ from rodeo.interfaces.package import register
 from rodeo.site.config import Site
 from rodeo_testing.waiting import wait_until
 from tests.integration.test_ros_dao import Caller, done
-from tests.support.dao import Dao
+from tests.support.dao import Dao, founded
 from tests.support.ros_nodes import RosNode
-from tests.support.site import RunningSite, free_port, write_site
+from tests.support.site import NewSite, free_port
 
 pytestmark = pytest.mark.long
 
@@ -49,23 +48,16 @@ BRIDGES = ("ros_dao.annas", "ros_dao.mine")
 
 
 @pytest.fixture
-def dao(tmp_path: Path, chain_backend: str) -> Iterator[Dao]:
-    path = write_site(tmp_path, chain_backend, SITE.format(port=free_port()))
+def dao(new_site: NewSite) -> Iterator[Dao]:
+    path = new_site(SITE.format(port=free_port()))
     ensure_certificates(Site.load(path))
-    running = RunningSite(path)
-    organization = Dao(running)
-    try:
-        organization.start()
-        running.start("robot_sim", "itrash", "oracle", "robot_recorder", *BRIDGES)
+    with founded(path, "robot_sim", "itrash", "oracle", "robot_recorder", *BRIDGES) as organization:
         register()
         robot = Caller(organization, "panther1")
         done(robot.call("transfer", to="anna", amount_iec="200"))
         robot.close()
         wait_until(lambda: organization.balances()["anna"] == 200)
         yield organization
-    finally:
-        organization.stop()
-        running.stop()
 
 
 def events_in(log: str) -> list[int]:

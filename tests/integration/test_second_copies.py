@@ -16,7 +16,7 @@ from rodeo.runtime.serving import Claim, served_by
 from rodeo_cli.site import read_rows
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.dao import Dao
-from tests.support.site import RunningSite, free_port, write_site
+from tests.support.site import NewSite, RunningSite, free_port
 
 pytestmark = pytest.mark.long
 
@@ -32,18 +32,17 @@ SERVES = {
 
 
 @pytest.fixture
-def dao(tmp_path: Path, chain_backend: str) -> Iterator[Dao]:
+def dao(new_site: NewSite) -> Iterator[Dao]:
     """Router, chain and bridge, and somebody who holds what the other processes serve."""
-    running = RunningSite(write_site(tmp_path, chain_backend, 'clock.source = "wall"'))
-    dao = Dao(running)
-    dao.start()
-    others = [thing for name in SERVES if name != "bridge" for thing in served_by(running.site, name)]
-    claim = Claim(running.bus.session, running.site.org, others, lambda: running.bus.connected)
-    claim.take(threading.Event())
-    yield dao
-    claim.close()
-    dao.stop()
-    running.stop()
+    with RunningSite(new_site('clock.source = "wall"')) as running:
+        dao = Dao(running)
+        dao.start()
+        others = [thing for name in SERVES if name != "bridge" for thing in served_by(running.site, name)]
+        claim = Claim(running.bus.session, running.site.org, others, lambda: running.bus.connected)
+        claim.take(threading.Event())
+        yield dao
+        claim.close()
+        dao.close()
 
 
 @pytest.fixture
@@ -62,9 +61,8 @@ def elsewhere(dao: Dao, tmp_path: Path) -> Iterator[RunningSite]:
             copy = tmp_path / "elsewhere" / name.name
             copy.parent.mkdir(exist_ok=True)
             shutil.copytree(name, copy)
-    site = RunningSite(path)
-    yield site
-    site.stop()
+    with RunningSite(path) as site:
+        yield site
 
 
 def test_a_second_copy_refuses_to_serve_and_each_task_is_posted_once(

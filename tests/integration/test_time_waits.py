@@ -19,7 +19,7 @@ from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
 from rodeo.site import topics
 from rodeo_testing.waiting import HANG_S
-from tests.integration.test_agent import Organization
+from tests.support.live import LiveDao, living
 from tests.support.load import busy_machine
 from tests.support.site import RunningSite, write_site
 
@@ -58,9 +58,9 @@ def stop_for_a_while(running: RunningSite, name: str) -> None:
     running.wait_for_status("robot_sim", lambda status: waits not in status.warnings)
 
 
-def expire(running: RunningSite, organization: Organization) -> None:
+def expire(running: RunningSite, organization: LiveDao) -> None:
     """Nothing moves while a window runs: the clock jumps to its end, and not over it."""
-    task_id = organization.post("item2", execution_window_s=WINDOW_S, max_attempts=1)
+    task_id = organization.clean("item2", execution_window_s=WINDOW_S, max_attempts=1)
     organization.wait_for_event("TaskAssigned", task_id)
     order = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="stop")
     running.bus.query(order, timeout_s=HANG_S)
@@ -71,7 +71,7 @@ def expire(running: RunningSite, organization: Organization) -> None:
     assert WINDOW_S < failed.time_s - assigned.time_s <= WINDOW_S + LATE_S
 
 
-def charge(running: RunningSite, organization: Organization, task_id: int) -> None:
+def charge(running: RunningSite, organization: LiveDao, task_id: int) -> None:
     """The dock hears each of its readings, although many seconds pass at once."""
     for order in ("resume", "charge"):
         running.bus.query(topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order=order))
@@ -96,13 +96,11 @@ def balances_iec(running: RunningSite, block: int) -> dict[str, int]:
 
 def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]:
     """What one cleaning came to."""
-    running = RunningSite(write_site(folder, chain_backend, FULL_SPEED + SITE))
-    running.start_founded()
-    running.start("bridge", "oracle", "itrash", "charger", "robot_sim")
-    organization = Organization(running)
-    try:
+    path = write_site(folder, chain_backend, FULL_SPEED + SITE)
+    with living(path, "bridge", "oracle", "itrash", "charger", "robot_sim") as organization:
+        running = organization.running
         # With nothing to do a robot lets days pass in seconds: how many would be the machine's choice.
-        task_id = organization.post("item1")
+        task_id = organization.clean("item1")
         running.start("robot_agent")
         if stopped is not None:
             organization.wait_for_activity("carrying item1")
@@ -116,9 +114,6 @@ def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]
             expire(running, organization)
             charge(running, organization, task_id + 2)
         return came_to
-    finally:
-        organization.close()
-        running.stop()
 
 
 def test_a_busy_machine_and_a_process_that_stands_still_change_nothing(
@@ -136,12 +131,10 @@ def test_a_busy_machine_and_a_process_that_stands_still_change_nothing(
 def checked(folder: Path, chain_backend: str, clock: str) -> list[tuple[str, bool | None]]:
     """The checks of one cleaning's recording, in their order, and whether it passed them."""
     folder.mkdir()
-    running = RunningSite(write_site(folder, chain_backend, clock + SITE))
-    running.start_founded()
-    running.start("bridge", "oracle", "itrash", "robot_sim")
-    organization = Organization(running, wait_s=HANG_S)
-    try:
-        task_id = organization.post("item1")
+    path = write_site(folder, chain_backend, clock + SITE)
+    with living(path, "bridge", "oracle", "itrash", "robot_sim") as organization:
+        running = organization.running
+        task_id = organization.clean("item1")
         running.start("robot_agent")
         organization.wait_for_event("TaskSettled", task_id)
         task = organization.task(task_id)
@@ -149,9 +142,6 @@ def checked(folder: Path, chain_backend: str, clock: str) -> list[tuple[str, boo
         report = Report.model_validate_json(path.read_bytes())
         assert report.accepted and task["attempt"] == 1
         return [(check.name, check.passed) for check in report.checks]
-    finally:
-        organization.close()
-        running.stop()
 
 
 def test_a_recording_made_at_full_speed_verifies_like_one_made_in_real_time(

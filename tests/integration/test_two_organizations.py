@@ -47,7 +47,7 @@ def both(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
         second.running.start("bridge")
         yield first, second
     finally:
-        first.stop()
+        first.close()
         second.running.stop()
         first.running.stop()
 

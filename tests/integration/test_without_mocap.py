@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +13,7 @@ from rodeo.checks.report import Report
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
 from rodeo_testing.waiting import HANG_S
-from tests.support.site import RunningSite, write_site
+from tests.support.site import NewSite, RunningSite
 
 pytestmark = pytest.mark.long
 
@@ -35,9 +34,8 @@ mass_kg = 0.03
 
 
 def test_the_robots_own_sight_is_proof_enough_and_the_report_says_that_it_is_weaker(
-    tmp_path: Path, chain_backend: str
+    new_site: NewSite,
 ) -> None:
-    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
     ended, events = threading.Event(), list[DaoEvent]()
 
     def on_event(event: DaoEvent) -> None:
@@ -45,8 +43,7 @@ def test_the_robots_own_sight_is_proof_enough_and_the_report_says_that_it_is_wea
         if event.name in ("TaskSettled", "TaskFailed"):
             ended.set()
 
-    dao: DaoEvents | None = None
-    try:
+    with RunningSite(new_site(SITE)) as running:
         running.start_founded()
         running.start("bridge", "oracle", "itrash", "robot_sim", "robot_agent")
         site = running.site
@@ -59,10 +56,7 @@ def test_the_robots_own_sight_is_proof_enough_and_the_report_says_that_it_is_wea
         names = [event.name for event in events]  # others may have come after the last
         assert came and "TaskSettled" in names, f"{events}\n{running.log('robot_agent')}"
         task = running.bus.query(f"rodeo/{site.org}/state/task/{task_id}", timeout_s=HANG_S)
-    finally:
-        if dao is not None:
-            dao.close()
-        running.stop()
+        dao.close()
     proof = open_proof(Store(site).fetch(task["proof_uri"], task["proof_sha256"]))
     assert not [topic for topic in proof.topics if topic.startswith("/mocap/")]
     assert proof.count("/panther1/item_pose") >= 1

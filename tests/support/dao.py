@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
@@ -43,9 +45,12 @@ class Dao:
             before_contracts()
             self.running.deploy_contracts()
             self.running.wait_ready("bridge")
+        self.listen()
+
+    def listen(self) -> None:
         self._source = DaoEvents(self.running.bus, self.site.org, self._on_event)
 
-    def stop(self) -> None:
+    def close(self) -> None:
         if self._source is not None:
             self._source.close()
 
@@ -149,3 +154,19 @@ class Dao:
         with self._changed:
             self.events.append(event)
             self._changed.notify_all()
+
+
+@contextmanager
+def founded(
+    path: Path, *processes: str, before_contracts: Callable[[RunningSite], object] | None = None
+) -> Iterator[Dao]:
+    """An organization on a site of its own, where also these processes run."""
+    with RunningSite(path) as running:
+        dao = Dao(running)
+        try:
+            dao.start(before_contracts and (lambda: before_contracts(running)))
+            if processes:
+                running.start(*processes)
+            yield dao
+        finally:
+            dao.close()

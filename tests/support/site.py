@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from rodeo.bus.messages import Status
 from rodeo.bus.session import Bus
@@ -33,6 +33,8 @@ from tests.support.snapshot import found, give_wallets, has_snapshot
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
 
 LAB_PROCESSES = tuple(processes_of(Site.load(LAB)))
+
+NewSite = Callable[..., Path]
 
 _handed_out: set[int] = set()
 
@@ -177,6 +179,12 @@ class RunningSite:
         """The last `length` characters of what process `name` wrote."""
         path = self.site.data_dir / "logs" / f"{name}.log"
         return path.read_text(errors="replace")[-length:] if path.exists() else "(no log)"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_raised: object) -> None:
+        self.stop()
 
     def stop(self) -> None:
         if self._bus is not None:

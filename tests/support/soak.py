@@ -26,6 +26,7 @@ from rodeo.commands.services import RegisterService
 from rodeo.commands.tasks import RegisterTask, SubmitProof
 from rodeo.commands.treasury import Transfer
 from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.runtime.process import is_transient
 from rodeo.site import topics
 from services.bridge.index import UNDONE
 from tests.support.index import index_differences
@@ -43,9 +44,6 @@ _LIMIT_S = 3_600.0
 
 _ASK_S = 5.0
 """Wall time for one answer; whoever gets none asks again with the same request_id."""
-
-_AGAIN = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "transaction_dropped"})
-"""What may be asked again with the same request_id."""
 
 KILLED = ("bridge", "chain", "router")
 
@@ -305,10 +303,8 @@ class _Site:
         while True:
             try:
                 return self.bus.query(key, request, parameters=parameters, timeout_s=_ASK_S)
-            except BusError:
-                pass  # asked again: this is what is measured
-            except RemoteError as error:
-                if error.code not in _AGAIN:
+            except (BusError, RemoteError) as error:
+                if not is_transient(error):  # else asked again: this is what is measured
                     raise
             self.wait(0.05)
 

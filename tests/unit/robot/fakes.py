@@ -185,13 +185,9 @@ class KinematicBody:
 
     def _fall(self, item: ItemConfig) -> None:
         x_m, y_m, _ = self.items[item.id].position_m
-        layout = BinLayout(self.site.bins[0])
-        for name in self.site.bins[0].compartments:
-            if layout.contains(name, (x_m, y_m, 0.2)):
-                self.dropped_in = name
-                self._put(item.id, (x_m, y_m, 0.15))
-                return
-        self._put(item.id, (x_m, y_m, rest_pose(item)[0][2]))
+        if name := BinLayout(self.site.bins[0]).compartment_at((x_m, y_m, 0.2)):
+            self.dropped_in = name
+        self._put(item.id, (x_m, y_m, 0.15 if name else rest_pose(item)[0][2]))
 
     def _put(self, item: str, position_m: tuple[float, float, float]) -> None:
         self.items[item] = Pose3(position_m, self.items[item].quat_wxyz)
