@@ -35,10 +35,10 @@ GROUP = "rodeo.kinds"
 EXECUTION_WINDOW_S = 2 * 3600
 """Default execution window, site time."""
 MIN_WINDOW_S, MAX_WINDOW_S = 10 * 60, 7 * 24 * 3600
-"""The shortest and the longest that a task may have, where a kind names no others."""
+"""The shortest and the longest execution window of a task whose kind sets no others."""
 
 PEOPLES_MIN_WINDOW_S = 3600
-"""The shortest where people do the work, who accept it in the first half."""
+"""The shortest execution window of work for people, who accept it in the first half of the window."""
 
 VERDICT_WINDOWS_S = 15 * 60, 7 * 24 * 3600
 """The shortest and the longest verdict window of a task, where nobody sets others."""

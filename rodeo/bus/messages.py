@@ -432,7 +432,7 @@ class Task(Message):
 
     @property
     def attempts_counted(self) -> int:
-        """Those until now that count toward `max_attempts`, with the one that runs."""
+        """Attempts so far that count toward `max_attempts`, including the present one."""
         return self.attempt - len(self.passed)
 
 

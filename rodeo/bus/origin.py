@@ -41,8 +41,8 @@ def check_bus(bus: Bus, site: Site, *, strict: bool = True) -> None:
     """Raises WrongBus when the processes on `bus` are of another site.
 
     The same folder, or the same contracts, is the same site. `strict`: another folder of this machine without
-    contracts to compare is another site, and so is a bus where only other organizations are. Nobody there is
-    no error, and neither is a site of another machine as long as nothing contradicts.
+    contracts to compare is another site, and so is a bus where only other organizations are. An empty bus is
+    no error. A site on another machine is none either, unless its contracts differ.
     """
     ours = origin_of(site)
     strangers = []

@@ -54,7 +54,7 @@ MAX_PAYLOAD_BYTES = 1 << 20
 """JSON larger than this is refused before it is parsed."""
 
 _MAX_ANSWER_BYTES = 16 << 20
-"""The same of an answer that anybody may have given."""
+"""The same limit for an answer that may come from anybody."""
 _OPEN_TIMEOUT_MS = 500
 _WAIT_KEY = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _ROUTER_WAIT_US = 10_000_000

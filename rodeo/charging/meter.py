@@ -60,7 +60,7 @@ class Meter:
         self._register_wh = self._recorded_wh = register_wh
         self._last: Reading | None = None
         self._said: Reading | None = None
-        """The newest that is in a record, after a restart."""
+        """The newest reading in a record; after a restart it is read from there."""
         self._until_s = until_s
         self._unsaid: list[Reading] = []
         self.begin_wh = begin_wh

@@ -308,9 +308,9 @@ class ConsumedActs:
             self._told()
 
     def away(self, task_id: int, attempt: int, is_away: bool) -> None:
-        """Whether the proof of a submission cannot be read yet. Only its own executor's later ones wait for
-        it then. Who submits the hash of nothing must hold up nobody else, nor be paid for an act twice by
-        handing over the first proof of it late."""
+        """Note whether the proof of a submission cannot be read yet. Then only later submissions of the same
+        executor wait for it. An executor that submits the hash of nothing must not delay others. It must not
+        be paid twice for one act either, by handing over the first proof late."""
         with self._lock:
             (self._away.add if is_away else self._away.discard)((task_id, attempt))
             self._told()

@@ -139,7 +139,7 @@ class Report(BaseModel):
         """The report that these checks make; what is paid only where they allow it. `parties`: who is at
         fault -> as the contracts name it."""
         failed = [check for check in checks if check.passed is False]
-        # The first that the executor answers for, else the first.
+        # The first failed check that is the executor's fault; else the first failed check.
         decisive = min(failed, key=lambda check: check.outcome != "rejected", default=None)
         outcome: Outcome = "accepted" if checks else "rejected"
         if decisive is not None:

@@ -97,8 +97,8 @@ class Source:
 
 
 def _imported(node: ast.AST, package: str) -> list[str]:
-    """Names that an import in a module of this package gives, a module's or something in one: also of one
-    inside a function."""
+    """Full names that an import statement in a module of `package` refers to: modules, or things in modules.
+    Imports inside functions count."""
     if isinstance(node, ast.Import):
         return [one.name for one in node.names]
     if not isinstance(node, ast.ImportFrom):

@@ -50,8 +50,8 @@ def named_table(case: Case, topic: topics.Topic, name: str) -> Table:
 
 @once_per_case
 def named_tables(case: Case, topic: topics.Topic, name: str) -> list[Table]:
-    """The same, a table for each publisher: joints of arm and gripper may come from two. First comes the one
-    that says most of them, and what says none of them is left out."""
+    """The same with a table for each publisher, because arm and gripper may publish their joints apart. The
+    table with the most joints of the robot comes first; tables without any are left out."""
     name = "/" + name
     tables = case.proof.tables(name, topic.type)
     if topic is not topics.JOINT_STATES:

@@ -47,8 +47,8 @@ def verify_file(
     to find out what one of them is good for; an oracle never does. `claims` gets the acts that the
     proof claims before anything is checked: whatever ends the process later, they are known.
 
-    Never raises for what the file holds: what it lacks or breaks is a rejection that names it.
-    Raises what its own machine fails at (`rodeo.errors.is_machines`), which says nothing about the proof.
+    Never raises because of the file's content: a fault in it is a rejection that names the fault. Raises only
+    errors of this machine (`rodeo.errors.is_machines`), which say nothing about the proof.
     """
     try:
         limits = counts_of(site, chain_record).limits(site.store.max_bytes)

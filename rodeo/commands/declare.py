@@ -61,8 +61,8 @@ class Console:
     wallet: Literal["organization", "provider", "member", "proposer", "anybody"] = "organization"
     """`provider`: the one that the request names, if the person may act for it. `member`: the person's own.
     `proposer`: the one that it names, if that is the person's own as a member, or the organization's and the
-    person is its administrator. `anybody`: the person's own if it has one, because the contracts take the
-    command from everybody."""
+    person is its administrator. `anybody`: the person's own if it has one; the contracts accept the command
+    from everybody."""
     for_good: bool = False
     """Nobody undoes it, or not without loss: the page warns."""
 

@@ -396,8 +396,8 @@ class RevokeRole(Command):
 
 
 def _judge_for(desk: Desk, kind: str, judge: str) -> str:
-    """The address of the contract that judges `kind` from now on. Where oracles judge it already, theirs
-    stays, however many they are by now. Raises KindWithoutQuorum."""
+    """The address of the contract that judges `kind` from now on. A kind that oracles judge already keeps its
+    contract, even if the number of oracles has changed. Raises KindWithoutQuorum."""
     deployment, present = (
         desk.client.deployment,
         desk.index.rules.numbers().get(desk.index.rules.number_of(kind)),
@@ -421,8 +421,8 @@ def _judge_for(desk: Desk, kind: str, judge: str) -> str:
 
 
 def _counted(desk: Desk, account: str) -> list[Call]:
-    """What tells the votes whether `account` is a member. Nobody proposes while they know fewer members
-    than there are, and a dismissed one counts for the quorum until they know."""
+    """The call that tells the votes contract whether `account` is a member. While that contract knows too few
+    members, nobody can propose; and a dismissed member counts for the quorum."""
     if not desk.client.deployment.decides_by_vote:
         return []
     return [desk.client.governance_calls.votes.sync(account)]

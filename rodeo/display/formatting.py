@@ -193,7 +193,7 @@ def moment(time_s: float | None) -> str:
 
 
 def wall_moment(time_s: float | None) -> str:
-    """Wall time, which is not a simulated site's."""
+    """A moment of wall time, not of a simulated site's."""
     return "–" if time_s is None else f"{moment(time_s)} UTC"
 
 

@@ -444,7 +444,7 @@ def _restore(path: Path, binding: Binding, account: Signer) -> list[_Entry]:
                 _Entry(topic, schema_name, message.sequence, message.log_ns, message.publish_ns, message.data)
             )
     except ContainerError:
-        complete = False  # cut off here, which is what resuming is for
+        complete = False  # the file is cut off here; resuming writes what is missing
     if entries:
         audit.check_signatures()
     if entries and (audit.binding, audit.signer) != (binding, account.address):

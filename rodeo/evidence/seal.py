@@ -232,7 +232,8 @@ class SealAudit:
         self._closing: dict[str, Any] = {}
 
     def see(self, data: bytes, running: RunningHash, unsealed_ns: int) -> None:
-        """The seal message `data` after the messages in `running`, unsealed for so long before it."""
+        """Check the seal message `data`, which follows the messages in `running`. Nothing was sealed for
+        `unsealed_ns` before it."""
         try:
             fields = read_json(data)
             if "typed_data" in fields:

@@ -113,7 +113,7 @@ def _field(name: str, info: FieldInfo, request: bool) -> Field:
     default = None
     if request and not info.is_required():
         default = info.get_default(call_default_factory=True)
-        # What is zero in ROS where nobody sets it is the default then.
+        # A field that is unset in ROS is zero, which is this default.
         count = Count.ONE if default in (False, "", {}, []) and default is not None else Count.OPTIONAL
     how, model = How.PLAIN, None
     if get_origin(annotation) is list:

@@ -79,8 +79,8 @@ _SIGNAL_GRACE_S = 1.0
 def start(site: Site) -> dict[str, str | None]:
     """Start the process that verifications are forked from; returns when it has loaded what they need.
 
-    Returns the rules that it judges by: kind -> hash, None where the kind's checks cannot be imported, or
-    what they ask cannot be read. Raises VerifierEnded.
+    Returns the rules that it judges by: kind -> hash, None if the kind's checks cannot be imported, or a
+    model that they use cannot be read. Raises VerifierEnded.
     """
     context = _context_of(site)
     told, teller = context.Pipe(duplex=False)
@@ -139,7 +139,7 @@ def verify_apart(
         raise VerificationFailed(once.ended, task_id=task.id, attempt=task.attempt)
     source = "the oracle's own process"
     found = undecided(f"{once.ended}, {ATTEMPTS} times", FAULT, source)
-    if once.began:  # other judges find the same, and vote for equal reports: not how it ended
+    if once.began:  # without how it ended: other judges find the same, and only equal reports get their votes
         found = given_up(f"the verification ended without a report, {ATTEMPTS} times", source, FAULT)
     return report_on(task, Check.of("verification_ended", found), once.acts)
 
@@ -239,7 +239,7 @@ _ACTS = "acts.json"
 """Left earlier: people may accept a proof whose verification gave no report, and then these acts are paid
 for."""
 _NO_ROOM = 74
-"""Exit status of a child that could leave none, because the disk is full: EX_IOERR of sysexits.h."""
+"""Exit status of a child that could not write its report because the disk is full: EX_IOERR of sysexits.h."""
 _AWAY_FOR: dict[str, type[RodeoError]] = {
     snake_case(cls.__name__): cls
     for cls in (

@@ -39,9 +39,8 @@ _NEWS = ("ProofSubmitted", "Ruled")
 
 
 def due_s(standing: Standing | None, deadline_s: float | None = None) -> float | None:
-    """Site time after which the executor concludes its task: when the ruling that stands is over, unless that
-    is a rejection, which costs the executor its penalty; without a ruling when the time for one is over, at
-    `deadline_s`. None for never."""
+    """Site time after which the executor concludes its task: the end of the standing ruling's window, or
+    `deadline_s` where nobody has ruled. None after a rejection, which costs the executor its penalty."""
     if standing is not None:
         return None if standing.ruling == "rejected" else standing.until + GRACE_S
     return None if deadline_s is None else deadline_s + GRACE_S

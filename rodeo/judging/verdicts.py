@@ -43,8 +43,8 @@ _NOT_RULED = "nobody ruled on it in time, or who did rules no more"
 
 
 def is_peoples_verdict(task: Task, judge: str | None = None) -> bool:
-    """Whether the task's verdict is an auditor's: auditors judge its kind, or the oracle passed it on. On a
-    void attempt perhaps nobody ruled, unless its `judge` is known (`judge_of`)."""
+    """Whether the task's verdict is an auditor's: auditors judge its kind, or the oracle passed it on. A void
+    attempt may have no ruling, so it counts only if its `judge` is known (`judge_of`)."""
     if task.verdict not in get_args(Ruling) or (task.verdict == "void" and judge is None):
         return False
     return task.passed_on or task.judge == "auditor"

@@ -113,7 +113,7 @@ def _sides(room: RoomConfig) -> Iterator[tuple[Side, _Line, _Interval]]:
     if room.corner_m is None or room.size_m is None:
         return
     (west, south), (length, width) = room.corner_m, room.size_m
-    # Rounded: the wall that two rooms share is one, however its place was added up.
+    # Rounded, so that the wall between two rooms has the same coordinates in both.
     west, south, east, north = (round(one, 6) for one in (west, south, west + length, south + width))
     yield "west", ("y", west), (south, north)
     yield "east", ("y", east), (south, north)

@@ -12,6 +12,7 @@ CLOCK = "clock"
 
 
 def note_clock(note: Callable[[dict[str, Any]], object], offset: ClockOffset | None) -> None:
-    """Put `offset` on record by `note`; None on a simulated clock, which is the site's."""
+    """Write `offset` into the recording with `note`. It is None on a simulated clock, which is the site's
+    own."""
     if offset is not None:
         note({"event": CLOCK, **offset.model_dump()})

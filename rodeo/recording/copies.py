@@ -90,7 +90,7 @@ class Copies:
             if found != wanted:
                 raise NoCopy("the copy here is damaged, too", sha256=wanted, found=found)
             uri = self._store.put(path)
-        log.info("as asked, the proof restored %s to the store", wanted)
+        log.info("restored the proof %s to the store on request", wanted)
         return ProofCopy(device=self._device, sha256=wanted, size_bytes=path.stat().st_size, uri=uri)
 
 

@@ -120,7 +120,7 @@ class PictureFetcher:
                 time_ns = round(look.taken_s * 1e9)
                 self._write(bin_name, _message(picture, time_ns), time_ns)
             with self._changed:
-                # Not always the first by now.
+                # Others may have been put before it meanwhile.
                 self._wanted.remove((bin_name, look))
                 if picture is None:
                     self._wanted.append((bin_name, look))

@@ -33,9 +33,9 @@ class SealPublisher:
         self._changed = threading.Condition()
         self._closing = False
         self._busy = False
-        """Whether the thread has one in its hands."""
+        """Whether the thread is publishing a seal."""
         self.dropped = 0
-        """Seals that nobody was told of."""
+        """Seals that were not published."""
         self._thread = threading.Thread(target=self._publish, name=f"seals {device}", daemon=True)
         self._thread.start()
 

@@ -238,7 +238,7 @@ class Receipts:
         self._begun: tuple[int, float] | None = None
         """Task and when it was registered: another chain has a task of the same number."""
         self._pending: dict[str, deque[Heard]] = {dock.name: deque(maxlen=_WAITING) for dock in site.docks}
-        """By dock: records that the gauge is not up to yet, or that came before their task was known."""
+        """By dock: records that wait until the gauge shows as much, or until their task is known."""
         self._refused: dict[str, Heard] = {}
         """By dock: the last record that the robot did not sign for."""
         self._last: Attestation | None = None

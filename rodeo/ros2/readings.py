@@ -241,7 +241,7 @@ def joints(messages: Sequence[Any], wanted: Collection[str]) -> Gathered:
 
 
 def without_effort(messages: Sequence[Any], wanted: Collection[str]) -> list[str]:
-    """Those of the joints of which no message says a finite effort."""
+    """The joints in `wanted` whose effort is finite in no message."""
     said = {
         bare(name)
         for message in messages

@@ -354,7 +354,7 @@ class GovernanceConfig(_Table):
 
 
 STAKE_COVERS = 10
-"""`STAKE_COVERS` of DisputeJudge: a judge's stake stands for so many times as much of accepted work."""
+"""`STAKE_COVERS` of DisputeJudge: a judge's stake covers accepted work of ten times its amount."""
 
 
 class InstanceConfig(_Table):

@@ -26,8 +26,8 @@ _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE_MARKERS = frozenset((0x01, *range(0xD0, 0xD9)))
 """Markers without a length field (same table)."""
 _JPEG_SEGMENT_MARKERS = frozenset((0xC4, 0xCC, 0xDB, 0xDC, 0xDD, *range(0xE0, 0xF0), 0xFE))
-"""Tables, applications' data and comments (same table), those that libjpeg knows. It skips 00 and refuses the
-others: who took them for segments would read on in another place, and there another size."""
+"""Tables, applications' data and comments (same table) that libjpeg knows. It skips 00 and refuses the
+others. A reader that took those for segments would continue at another place, and find another size there."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """By colour type (PNG, third edition, table 8)."""

@@ -42,7 +42,7 @@ class Pictured(Answer):
     shown_s: float
     """Site time of the picture."""
     corrections: dict[str, str] = Field(default_factory=dict)
-    """What people say that it shows, by their names, or addresses if they are no auditors any more."""
+    """Name of a person -> the class that this person saw. Former auditors are named by address."""
 
 
 class Corrections(Answer):

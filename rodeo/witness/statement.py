@@ -139,7 +139,7 @@ class Classification(Header):
     image_sha256: Digest
     """Hash of the picture as the camera encoded it."""
     model_sha256: Digest
-    """What the network that was asked is known by: `network_sha256` of weights and preprocessing."""
+    """Identifies the network: `network_sha256` of its weights and preprocessing."""
     thresholds_sha256: Digest
     """Hash of its preprocessing alone, which has the thresholds."""
     claimants: tuple[Claimant, ...] = Field(max_length=MAX_CLAIMANTS)

@@ -355,7 +355,7 @@ _OF_COMMITTEES = (events.JudgeSeated, events.JudgeKeyChanged, events.QuorumChang
 
 
 def _args(log: Log, currency: Currency) -> dict[str, Any]:
-    """Events of the committees do not say of which of them they are: its address is added."""
+    """Arguments of an event. Events of committees do not name their committee, so its address is added."""
     args = event_args(log.event, currency)
     return {**args, "committee": log.contract} if isinstance(log.event, _OF_COMMITTEES) else args
 

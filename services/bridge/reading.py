@@ -250,7 +250,7 @@ class Services(Reader):
         return self.rows(select(schema.services).where(mine).order_by(services.id))
 
     def active_prices(self, kind: str) -> list[int]:
-        """What the services of `kind` cost that take tasks which its present judge decides about, wei."""
+        """Prices (wei) of the active services of `kind` that agreed to its present judge."""
         services, number = schema.services.c, Rules(self.engine).number_of(kind)
         active = (services.kind == kind) & (services.number == number) & (services.state == "active")
         return [row["price"] for row in self.rows(select(services.price).where(active))]

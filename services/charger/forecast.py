@@ -11,7 +11,8 @@ _READING_S = 1.0
 _EARLY_S = 0.001
 """Seconds in a float are less exact than a clock: actions due at a reading must not be due after it."""
 _STEADY = 0.995
-"""In a step of the power it comes to more than the forecast by less than what is left of this."""
+"""Share of the forecast time after which the meter is looked at. When the power steps, the energy exceeds the
+forecast by less than the rest."""
 _FAR_S = 1e9
 
 

@@ -138,7 +138,7 @@ class Line:
 
 
 _FAILED = (ModbusException, OSError, ValueError, AttributeError, IndexError, TypeError, struct.error)
-"""What pymodbus raises for connections that are lost, and for answers that are none."""
+"""Errors that pymodbus raises for lost connections and for invalid answers."""
 _FLOAT, _INTEGER, _WORDS = struct.Struct(">f"), struct.Struct(">I"), struct.Struct(">HH")
 
 

@@ -48,11 +48,11 @@ class BinLimits:
     """An item is photographed once its distance has stayed within `still_m` for so long."""
     still_m: float = 0.015
     gone_s: float = 0.5
-    """The view is clear once nothing was present for so long."""
+    """The view is clear once nothing was present for this time."""
     done_gone_s: float = 2.0
     """The same after a drop and counted from it: the hand that dropped it has yet to draw back."""
     held_s: float = 4.0
-    """An object that came to rest after a drop and has stayed so for so long is the next item: a robot that
+    """An object that came to rest after a drop and has rested for this time is the next item. A robot that
     draws back in steps pauses for less, and one that holds still over the bin came to rest before the drop
     settled."""
     again_gone_s: float = 1.0
@@ -61,12 +61,12 @@ class BinLimits:
     another_gone_s: float = 60.0
     """Anything that comes after the view was clear for so long is another item, whatever is still awaited."""
     turned_s: float = 10.0
-    """Somebody who presents nothing turns an item within so long."""
+    """A person, who sends no presentation, turns an item within this time."""
     looks: int = 3
     """Photos taken of an item from one angle while the bin is not sure."""
     angles: int = 3
-    """An item is looked at from so many angles; after the last the bin asks for no other. For a robot that
-    presents itself this holds for all that it shows by one grasp, whoever else presents themselves."""
+    """The bin looks at an item from at most this number of angles. For a robot that presents itself the
+    number holds for everything that it shows with one grasp, even if others present themselves meanwhile."""
     grasps: int = 4
     """Grasps per recording for which the bin asks for other angles. A robot reports itself when it took hold
     of an item: without this bound it could get rid of pictures as often as it likes, and be asked for
@@ -466,7 +466,8 @@ class Bin:
         pending = self.memory.pending
         if pending is None or time_s <= self._deadline_s(pending):
             return False
-        # Twice as patient as a drop that waits for another cell: that must be reported first.
+        # It waits twice as long as a drop that waits for another cell, because the drop must be reported
+        # first.
         return self._weighed(self._deadline_s(pending), time_s - self._limits.weigh_s)
 
     def _weighed(self, until_s: float, time_s: float, but: Collection[str] = ()) -> bool:

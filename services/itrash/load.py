@@ -33,7 +33,7 @@ class Cell(BaseModel):
     settled_n: float | None = None
     """The last weight accounted for, N; None before the first settled reading."""
     seen_s: float = 0.0
-    """When that weight was last on it, site time."""
+    """Site time at which the cell last showed that weight."""
     held_n: float = 0.0
     """What it held, N, when it was last lifted out."""
 
@@ -42,8 +42,8 @@ class Cell(BaseModel):
 class Step:
     """The settled weight has been `settled_n` instead of the accounted one since `time_s` (site time).
 
-    It changed between `after_s`, when it was still the accounted one, and then: over a second or so, or all
-    the time for which nobody looked.
+    The weight changed between `after_s`, when it was still the accounted one, and `time_s`. That is about a
+    second, or the whole time without readings.
     """
 
     settled_n: float

@@ -92,7 +92,7 @@ def _shift_s(seen: Array, told: Array) -> float:
 
 
 def _difference(seen: Array, told: Array, shift_s: float) -> float:
-    """Mean square of what is left of the difference without constant and drift."""
+    """Mean square of the difference after its mean and its linear drift are subtracted."""
     off = seen[:, 1] - np.interp(seen[:, 0] - shift_s, told[:, 0], told[:, 1])
     since_s = seen[:, 0] - seen[:, 0].mean()
     off = off - off.mean()

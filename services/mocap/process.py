@@ -100,7 +100,7 @@ class Cameras:
                 self._publishers[name].publish(message, frame.time_ns)
 
     def _tell(self, passed_s: float) -> None:
-        """Say in the process's status what there is to see, and why there is nothing."""
+        """Update the process's status: which bodies are seen, or why none are."""
         process, source = self._process, self._config.source
         delays_s, self._delays_s = sorted(self._delays_s), []
         if reason := self._problem():

@@ -277,7 +277,7 @@ class MissingProofs:
     # -- patience --------------------------------------------------------------------------------------
 
     def _last_word(self, one: _Sought) -> Report | None:
-        """The report once patience is over."""
+        """The report on a proof that the oracle waits for no longer; None while it still waits."""
         task, over = one.task, self._verdict_is_due(one.task)
         if one.owner == "executor" and (over or one.asked_s >= self._site.oracle.handover_s):
             detail = f"{one.why}; the executor did not send it when asked"

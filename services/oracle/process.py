@@ -371,8 +371,8 @@ class Oracle:
         return repeated(ask, wait, self.process.stop)
 
     def _pause(self, task: Task | None = None) -> None:
-        """Pause before the next attempt. No simulated clock waits meanwhile. It may jump to when `task` is
-        due, but not where that is unknown or past: a window would end."""
+        """Pause before the next attempt, without holding a simulated clock. The clock may jump to the time at
+        which `task` is due. It may not jump if that time is unknown or past, because a window would end."""
         until_s = None if task is None or is_due(task, self._site, self._clock) else due_s(task, self._site)
         self._clock.wait_for(
             lambda: False, self.process.stop, until_s=until_s, wall_s=RETRY_S, resting=until_s is not None

@@ -62,8 +62,8 @@ class Reports:
         return uri, "0x" + sha256
 
     def unspent(self, task: Task, claimed: list[str], tell: Callable[[str], None]) -> Check | None:
-        """Whether what a proof claims was not paid for before, as a check; None if no verdict is needed any
-        more. `tell` gets the reason why it waits.
+        """The check that nobody was paid before for the acts that a proof claims; None if no verdict is
+        needed any more. `tell` gets the reason why it waits.
 
         Waits while that is unknown: for the verdicts of earlier submissions that may claim it, too, and for
         reports that cannot be fetched. Once the verdict is due it waits no longer for what others have in
@@ -96,7 +96,7 @@ class Reports:
         return self._acts.news != since
 
     def run(self) -> None:
-        """Read reports of what was paid for, or may be, as soon as they are announced."""
+        """Read the reports on work that was paid for, or may be paid for, as soon as they are announced."""
         self._news.loop(self._stop, self._look)
 
     def _look(self) -> Rest | None:
@@ -109,7 +109,7 @@ class Reports:
         return None
 
     def _read(self, submission: Submission) -> bool:
-        """Learn the acts that a submission's reports list; False while one cannot be had."""
+        """Learn the acts that a submission's reports list; False while a report cannot be fetched."""
         for uri, sha256 in submission.reports:
             if self._acts.is_read(sha256):
                 continue

@@ -37,7 +37,8 @@ class Committee:
     seats: Mapping[int, str]
     """Seat -> oracle."""
     unstaked: Mapping[str, frozenset[str]]
-    """Kind -> oracles whose stake is too low: with one of their votes the contract refuses all."""
+    """Kind -> oracles whose stake is too low. The contract refuses a set of votes with one of theirs in
+    it."""
 
     @property
     def counted(self) -> tuple[Mapping[str, int], Mapping[str, frozenset[str]]]:

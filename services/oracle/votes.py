@@ -241,7 +241,7 @@ class Votes:
             self._news.set()
 
     def _count(self, held: _Held, name: str, signature: str) -> bool:
-        """Hold it if it is the signature of the oracle called `name` of the same vote as this oracle's."""
+        """Keep `signature` if the oracle `name` signed the same vote as this oracle with it."""
         committee = self.voters.current()
         if committee is None:
             return False  # it is published again
@@ -370,8 +370,8 @@ class Votes:
         )
 
     def _again_s(self, held: _Held, error: RemoteError) -> float | None:
-        """Site time from which the judge that the error names may count: when it is in the panel, or its
-        stake may be free again; None if never."""
+        """Site time from which the vote of the judge that the error names may count: the judge is in the
+        panel then, or its stake may be free again. None for never."""
         if error.code == _TOO_LOW:
             return self._site_s() + _TIED_S
         committee = self.voters.current()

@@ -45,7 +45,7 @@ class Consumption(BaseModel):
     """What a task takes besides driving (turning, looking, grasping), where the robot has done none of its
     kind."""
     handling_of_s: dict[str, Annotated[float, Field(ge=0)]] = {}
-    """Kind of work -> the same, as measured."""
+    """Kind of work -> the measured `handling_s` of its tasks."""
     energy_of_wh: dict[str, Annotated[float, Field(ge=0)]] = {}
     """Kind of work -> energy of a task from its beginning to its end, as measured."""
     way_of_m: dict[str, Annotated[float, Field(ge=0)]] = {}

@@ -111,7 +111,7 @@ class Offers:
         """Offer the `wanted` kinds of work, and pause the other offers. Done again, it also mends what a
         killed process left behind.
 
-        A pause does not put off what the robot has been given already, so that is done first.
+        Offers are paused only once the robot has no task left, because a pause does not postpone a task.
         """
         # In the order of the site file: a set of names has another in each process, and the first to offer is
         # matched first.

@@ -41,8 +41,8 @@ class HeldService:
     """One service, which works on one request at a time, in a thread of its own. From a request's arrival to
     its answer the site's clock is held, but for the waits on it: the mind that asks cannot hold it.
 
-    What arrives meanwhile holds nothing, or the work could wait for a clock that waits for the work: the same
-    request hears what comes of it, another one is refused at once.
+    A request that arrives during the work does not hold the clock, or the work could wait for a clock that
+    waits for the work. The same request gets the answer of the work; any other is refused at once.
     """
 
     def __init__(self, node: Node, name: str, interface: Interface, clock: Clock, answer: Answer) -> None:

@@ -183,7 +183,7 @@ class Loop:
             self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
-            # With both as fast as can be, a charge is skipped as well.
+            # If both speeds are unlimited, a charge is skipped, too.
             strides = idle_speed != speed or speed == 0
             emptiness = parked, resting = self._emptiness
             skipping = (parked and strides) or resting

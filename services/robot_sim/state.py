@@ -68,7 +68,8 @@ class StateFile:
         self._sequence = 0
 
     def _misfit(self, descriptor: int, stored_bytes: int) -> RodeoError:
-        """What a file of another size is: this world's, cut off or grown, or another world's."""
+        """The error for a file of another size: it is this world's, cut off or grown, or it is another
+        world's."""
         for offset in (0, stored_bytes // 2):
             head = os.pread(descriptor, _HEADER.size, offset)
             if len(head) == _HEADER.size:

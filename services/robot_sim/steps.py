@@ -135,8 +135,8 @@ class Steps:
         return any(abs(self._rate[dof]) > STANDING_SPEED for dof in robot.base_dofs)
 
     def advance(self) -> None:
-        """One control period, up to a look at where everything is then and what it touches: all that is
-        measured is of the period's end. The next one's first step need not look again."""
+        """Simulate one control period, and compute positions and contacts at its end, because sensors measure
+        the end of the period. The first step of the next period need not compute them again."""
         model, data, width_s = self._model, self._data, self.width_s
         if width_s != self._looked_s:
             self._look(width_s)

@@ -26,8 +26,8 @@ from services.ros_dao.workers import Busy, Follower, Workers, mined_in_vain, pas
 log = logging.getLogger(__name__)
 
 CANCEL_THREADS, ANSWER_THREADS = 8, 2
-"""Tasks that are being cancelled at once, and goals that are being answered: who waits for the chain keeps
-nobody from an answer."""
+"""Threads that cancel tasks, and threads that answer goals. They are apart, so that waiting for the chain
+delays no answer."""
 MOST_UNPOSTED = 256
 """Goals that wait for their task to be posted; further ones are refused."""
 

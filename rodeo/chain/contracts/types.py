@@ -140,8 +140,8 @@ def field_name(parameter: Mapping[str, Any]) -> str:
 def value(parameter: Mapping[str, Any], raw: Any) -> Any:
     """`raw`, decoded by eth-abi for an ABI `parameter`, as the type that abi.py gives it.
 
-    Enums and structs become theirs, kinds, device roles and device names text, access roles their names.
-    Other bytes stay bytes.
+    Enums and structs become their Python types. Kinds, device roles, device names and access roles become
+    text. Other bytes stay bytes.
     """
     if parameter["type"].endswith("[]"):
         internal = parameter.get("internalType", "").removesuffix("[]")

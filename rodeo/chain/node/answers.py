@@ -49,7 +49,7 @@ class Malformed(ValueError):
 
 
 def check(method: str, params: Params, result: Any) -> Any:
-    """The result of `method`; of logs those that were asked for. Raises Malformed."""
+    """The checked result of `method`; logs that nobody asked for are left out. Raises Malformed."""
     known = _CHECKS.get(method)
     return result if known is None else known(params, result)
 

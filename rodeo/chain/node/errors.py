@@ -56,7 +56,7 @@ class RpcFailed(ChainError):
 
 
 _AMOUNTS = frozenset({"price", "amount", "bond", "penalty", "balance", "needed", "allowance"})
-"""Arguments of errors that are wei of the payment token, whichever error it is."""
+"""Arguments that are wei of the payment token in every error."""
 _AMOUNTS_OF = {
     "InvalidPrice": {"unit", "max"},
     "InvalidAmount": {"max"},

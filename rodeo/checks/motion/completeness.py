@@ -95,7 +95,7 @@ def missed(
 
 
 def _tables(case: Case, topics: list[tuple[Topic, str]]) -> Iterator[tuple[Topic, str, Table]]:
-    """Each of the topics with what is evidence of it, one table for each of its publishers."""
+    """Each topic with its messages that count as evidence, one table for each publisher."""
     for topic, name in topics:
         if case.proof.count("/" + name) < 2:
             raise CaseError("the topic is not in the recording", topic="/" + name)

@@ -36,7 +36,8 @@ RIGID_M = 0.03
 RIGID_SHARE = 0.99
 """Share of the carry, for single poses that are off."""
 LONGEST_OFF_S = 1.5
-"""And no more than this in all, however long it takes: in six of ten minutes' seconds a person carries it."""
+"""Longest time in all, however long the carry takes: 1 % of ten minutes is six seconds, in which a person
+could carry the item."""
 LIES_M = 0.01
 """What rises by less still lies on the floor."""
 GUESSED_S = 0.2
@@ -55,10 +56,10 @@ STAYS_S = 0.8
 TREMBLES = 10
 """Poses of an item in its third second: one that rests is signed once or twice."""
 FLUNG = 5.0
-"""An item flies off no faster than with so many times the speed of what hit it: twice, where nothing is lost,
-and smoothing takes half of a jab's speed."""
+"""An item flies off with at most this multiple of the speed of what hit it. An elastic push doubles the
+speed, and smoothing halves the speed of a jab."""
 PUSHED = 2.0
-"""It is pushed no faster than that goes; the same smoothing."""
+"""A pushed item is as fast as what pushes it, whose speed the same smoothing halves."""
 FLINGS_S = 1.0
 """Before the item moves, what hits it is on its way."""
 _LOOK_S, _LOOK_CLOSELY_S, _STEP_S = 0.1, 0.02, 0.05

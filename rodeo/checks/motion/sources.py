@@ -254,8 +254,8 @@ def signed_twice(testimony: Testimony) -> str | None:
 
 
 def listed_otherwise(case: Case, role: str, name: str) -> str | None:
-    """Which other witness of the case heard a statement of this device that is not the one in the recording:
-    the device signed one number twice.
+    """The other witness of the case that heard a different statement of this device under the same number;
+    None if none did. The device signed that number twice.
 
     No other device of the organization is asked, nor a robot, who works for the same pay, or would not pay
     for its charge if people had to decide.

@@ -18,7 +18,7 @@ from rodeo.witness.statement import Head, Receipt
 
 
 def counts_until_s(device: Device, submitted_s: float) -> float:
-    """By its own time (s), up to when what a key signed may count in a proof submitted at `submitted_s`."""
+    """The device's own time (s) up to which its statements count in a proof submitted at `submitted_s`."""
     if device.revoked is None or (device.revoked_because == "compromised" and not taken(device, submitted_s)):
         return math.inf
     return device.revoked

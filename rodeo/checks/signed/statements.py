@@ -176,8 +176,8 @@ def _signed(links: list[_Link]) -> list[_Link]:
 
     Anybody may have put statements in a device's name into the recording: behind its own, beside them, or
     copies of them with another signature. So its chain is followed before anything is counted. The longest
-    chains come first, and of a chain everything up to some statement is signed, which bisection finds. What
-    hangs on a chain of which nothing is signed comes last: there may be any number of it.
+    chains come first, and of a chain everything up to some statement is signed, which bisection finds. Chains
+    without a signed statement come last, because anybody can add any number of them.
     """
     copies: dict[_Place, list[_Link]] = defaultdict(list)
     lengths: dict[_Place, int] = {}

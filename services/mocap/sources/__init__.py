@@ -50,8 +50,8 @@ class Frame(NamedTuple):
     """Middle of the exposure, by the system's own clock; None where it says none, and the frame counts as
     taken when it arrives. See `SourceKind.stamps`."""
     bodies: Mapping[str, Pose | None]
-    """By the system's names. None: the body is known and not in view. A body that is not here is none of this
-    frame's, as where each body comes in a message of its own."""
+    """By the system's names. None: the body is known and not in view. A body without an entry is not part of
+    this frame; some systems send a message for each body."""
 
 
 class Settings(BaseModel):
