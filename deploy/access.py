@@ -122,7 +122,7 @@ def nodes_of(site: Site) -> list[str]:
 def access_control(site: Site) -> dict[str, Any]:
     """Zenoh's `access_control` for the router of `site`."""
     all_names = everybody(site)
-    # From the router to a client everything may go; who may put it there is checked where it comes in.
+    # The router may send everything to a client; it checks messages when it receives them.
     rules = [_rule("hear", "egress", _ALL, _ANY_KEY), _rule("listen", "ingress", _LISTEN, _ANY_KEY)]
     policies = [{"rules": ["hear", "listen"], "subjects": all_names}]
     for name in all_names:

@@ -27,7 +27,7 @@ _CERTIFICATE_DAYS = 825
 """Longest validity of a private authority's certificate that browsers and Apple's platforms accept."""
 
 _SKEW = datetime.timedelta(hours=1)
-"""Machines whose clocks differ by less accept a certificate that was made just now."""
+"""A new certificate is valid on machines whose clocks differ by less than this."""
 
 
 def ensure_certificates(site: Site) -> list[str]:

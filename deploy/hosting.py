@@ -70,8 +70,8 @@ def hardware(site: Site, entry: ProcessEntry) -> list[str]:
 
 
 def own_certificates(site: Site, entry: ProcessEntry) -> list[str]:
-    """Files of the process's certificate; none where the bus wants none, and for the simulator, which has
-    those of bodies, too."""
+    """Files of the process's certificate. The list is empty if the bus needs no certificates, and for the
+    simulator, which also has certificates of bodies."""
     if not wants_certificates(site) or entry.name == SIMULATOR:
         return []
     own = files(site, entry.name)

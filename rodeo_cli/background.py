@@ -26,7 +26,7 @@ class Background:
 
     def run(self, work: Callable[[], int]) -> int:
         """Do `work` in the child; returns its exit status, in the child as well. The parent passes signals on
-        to the child, which ends with it until `go_on`."""
+        to the child. Until `go_on` the child ends when the parent ends."""
         sys.stdout.flush()
         sys.stderr.flush()
         reader, self._writer = os.pipe()

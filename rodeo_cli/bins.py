@@ -57,8 +57,8 @@ def correct(
 ) -> None:
     """Sign what an item really was, also where the bin was right. A later training may learn from it.
 
-    A bin remembers the pictures of its last items only (`rodeo bin pictures`), and takes one correction of
-    each person for each.
+    A bin remembers the pictures of its last items only (`rodeo bin pictures`). It accepts one correction of
+    each picture from each person.
     """
     # Signing takes its time to import; the other commands should not wait for it.
     from rodeo.evidence.attestation import attest
@@ -116,7 +116,7 @@ def pictures(
 def corrections(
     site: SiteOption = DEFAULT_SITE, bin_name: BinOption = None, as_json: JsonOption = False
 ) -> None:
-    """Show how often the bin said the right class of the items that people looked at."""
+    """Show how often the bin named the right class, for the items that people looked at."""
     with connected(site) as (loaded, bus):
         found = _corrections(loaded, bus, _bin(loaded, bin_name))
     rows = (Row((one.name or one.address, str(one.items), str(one.right))) for one in found.people)

@@ -168,7 +168,8 @@ class Demo:
             ) from error
 
     def ready(self, but: tuple[str, ...] = ()) -> bool:
-        """Whether every process is, but for those with one of these jobs. Prints the console's link, too."""
+        """Whether every process is ready, except those with a job in `but`. Prints the console's link,
+        too."""
         statuses = self.watcher.statuses()
         console_status = statuses.get("console")
         if not self.link and console_status is not None and console_status.ready:

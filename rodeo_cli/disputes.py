@@ -41,7 +41,7 @@ disputes = typer.Typer(
 _REFUSED = frozenset({"judge_is_party", "key_too_new", "not_a_judge", "not_in_panel", "voted_twice"})
 """The contract does not count the vote of the judge that the error names."""
 _TOO_LOW = "stake_too_low"
-"""Code for the same; the error names the judge's seat."""
+"""Code of the error for a judge whose stake is too low; it names the judge's seat."""
 _COMMITTEES = ("DisputeCommittee", "AppealCommittee")
 """The committees that decide about a challenge, of the oracles' ruling and of the decision about it."""
 _VOTES = TypeAdapter(list[SignedVote])
@@ -72,7 +72,7 @@ def vote(
         str | None, typer.Option(help="Why. Only votes with the same reason count together.")
     ] = None,
     fault: Annotated[
-        str, typer.Option(help=f"Whose doing a void attempt is: {', '.join(get_args(Fault))}.")
+        str, typer.Option(help=f"Who is at fault for a void attempt: {', '.join(get_args(Fault))}.")
     ] = "nobody",
     amount: Annotated[
         str | None,
@@ -178,7 +178,7 @@ def _unstaked(site: Site, bus: Bus, judge: str, same: dict[str, SignedVote], ref
 def _post(
     site: Site, bus: Bus, judge: str, same: list[SignedVote], dry_run: bool = False
 ) -> RemoteError | None:
-    """The error that refused equal votes; None if they count."""
+    """Send equal votes; the error with which the contract refused them, None if they count."""
     vote, report_uri = same[-1].vote.model_dump(mode="json"), same[-1].report_uri
     signatures = [one.signature for one in same]
     request = {"vote": vote, "report_uri": report_uri, "signatures": signatures, "dry_run": dry_run}

@@ -111,7 +111,7 @@ class Film:
             from_s, view = scene.until_s, scene.view
 
     def _paced(self, from_s: float, until_s: float, shares: Array) -> Array:
-        """The moments at which these shares of the scene's motion are over."""
+        """The times (s) at which these shares of the scene's motion have passed."""
         at_s = np.linspace(from_s, until_s, 400)
         rows = self._rows(at_s)
         way = np.abs(np.diff(rows, axis=0)).sum(axis=1)
@@ -225,7 +225,8 @@ def _picture(case: Case, wanted: str) -> Array:
             if image is not None:
                 return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     raise CaseError(
-        "the picture that the bin signed is not in the recording, or is none", image_sha256=wanted
+        "the recording has no picture with the hash that the bin signed, or it cannot be decoded",
+        image_sha256=wanted,
     )
 
 

@@ -1,7 +1,7 @@
 """The signed poses of a proof, in files for other people's tools: a derived MCAP with `/tf`, and CSV.
 
-A robot's odometry drifts by metres over hours. Motion capture's signed poses do not, but stand in statements
-that only RODEO reads. What is written here is sealed by nobody, and says so.
+A robot's odometry drifts by metres over hours. Motion capture's signed poses do not drift, but only RODEO
+reads the statements that hold them. The files written here are not sealed, and say so.
 """
 
 from __future__ import annotations

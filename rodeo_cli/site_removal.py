@@ -68,7 +68,7 @@ def removal_of(site: Site, keys: bool) -> Removal:
 
 def remove(site: Site, removal: Removal) -> None:
     """Remove the parts, and the data folder if nothing else is in it."""
-    # What shows whose the folder is goes last: this may be interrupted, and then done again.
+    # The keys, which show whose folder it is, are removed last: an interrupted removal can be repeated.
     for part in sorted(removal.parts, key=lambda one: one.path.name in _KEYS):
         shutil.rmtree(part.path)
     if site.data_dir.is_dir() and not any(site.data_dir.iterdir()):

@@ -237,7 +237,7 @@ def revoke(
     participant: Annotated[str, typer.Option("--as", help="Who signed it.")],
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
-    """Make void what was signed with --sign, and was not sent yet. This costs its signer gas."""
+    """Revoke a request that was signed with --sign and not sent yet. This costs its signer gas."""
     from rodeo.chain.signed_requests import SAID  # takes its time to import
 
     typed = signed_in(file)["request"]["typed_data"]

@@ -303,7 +303,7 @@ def _lines(found: Found) -> Iterator[str]:
     yield ""
     yield "![ablation](figures/ablation.svg)"
     yield ""
-    yield "Forgeries that this part alone refuses, and of those the ones that pass when it is off."
+    yield "Forgeries that only this part refuses, and which of them pass when it is off."
     yield ""
     yield "## Everything that was turned off"
     yield ""

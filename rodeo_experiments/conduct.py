@@ -46,7 +46,7 @@ _QUIET_S = 600.0
 _LOOK_WALL_S = 2.0
 _MEANWHILE_S, _MEANWHILE_WALL_S = 0.5, 0.05
 _LATE_S = 24 * 3600.0
-"""Tasks that are not over so long after the last day are explained instead."""
+"""Site time after the last day for which open tasks are awaited; later ones are explained instead."""
 
 
 class Conduct:

@@ -178,7 +178,7 @@ class People:
             try:
                 x_m, y_m = self._lab.put_down(item, self._lying())
             except NoFreePlace:
-                # Robots that are on their way may stand everywhere; not for hours.
+                # Passing robots may block every place for a while, but not for hours.
                 if self._clock.now_s() > due_s + _FULL_S:
                     raise
                 self._agenda.at(self._clock.now_s() + 60, again)

@@ -217,9 +217,9 @@ class Witnesses:
     forks: Callable[[float], bool] = lambda time_s: False
     """Whether what they hear at this time are heads of another version of it."""
     twin: Callable[[float], bool] = lambda time_s: False
-    """Whether they hear at this time a head of another recording of the same device, too."""
+    """Whether witnesses also hear a head of a second recording of the same device at this time."""
     twin_ends: int | None = None
-    """The last seal of that one, if it ends before this one does."""
+    """The last seal of the second recording, if it ends before the first."""
     mocap_clock_s: float = 0.0
     """By how much the clock of the motion capture is ahead."""
     mocap_says: Callable[[dict[str, Any]], dict[str, Any]] = lambda fields: fields
@@ -803,7 +803,7 @@ class FilmedOperator(Operator):
         return np.asarray(self._sway_rad * np.sin(turn))
 
     def turn_to(self, yaw_rad: float) -> None:
-        """Without the last hundredth of a radian, for which tyres that stick take half a minute."""
+        """Turn to within 0.02 rad: sticking tyres need half a minute for the rest."""
         while abs(error := wrap(yaw_rad - self.body.pose.yaw_rad)) > 0.02:
             self.body.drive(Twist2(0.0, math.copysign(min(0.8, 0.25 + 2 * abs(error)), error)))
             self.tick()

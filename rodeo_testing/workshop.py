@@ -163,7 +163,8 @@ class Workshop(ABC):
     def judged(
         self, submission: Submission, checks_of: Callable[[Checks], Checks] = lambda checks: checks
     ) -> Report:
-        """The oracle's report, from the URI on; with `checks_of`, by other checks."""
+        """The report of an oracle that fetches the proof by its URI; with `checks_of` it uses other
+        checks."""
         uri, sha256 = submission.uri, submission.sha256
         if submission.path is not None:
             with submission.path.open("rb") as file:

@@ -29,7 +29,7 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
 
 
 def complete(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
-    """With the site's only dock where none is named, and with the energy, Wh, where it is left out."""
+    """`params` with the site's only dock if none is named, and with the energy (Wh) if it is left out."""
     whole = dict(params)
     if len(site.docks) == 1:
         whole.setdefault("dock", site.docks[0].name)

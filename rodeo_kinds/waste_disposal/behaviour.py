@@ -183,7 +183,7 @@ class WasteDisposal(Behaviour):
         Raises TaskFailed when something was taken out since: the item may be anywhere.
         """
         try:
-            # What fell before this call was stated long ago, or never will be.
+            # The bin has already published what fell before this call, or will never publish it.
             self.delivery.finish(released_s, station, _BIN_RECALL_WALL_S, work)
         except TakenOut as error:
             raise TaskFailed(f"gave up: {error.message}", cause=error.code, **error.details) from error

@@ -184,7 +184,8 @@ def _require_ours(said: Classification, held: Held, claimant: Claimant) -> None:
 
 
 def _hold_still(released_s: float, station: Station) -> None:
-    """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
+    """Wait until the bin publishes what fell after `released_s`, or has published nothing for
+    `_HOLD_WALL_S`."""
     try:
         station.bin.wait_for(Drop, released_s, _HOLD_WALL_S)
     except NoAnswer as error:

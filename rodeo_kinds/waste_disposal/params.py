@@ -33,7 +33,7 @@ class CleaningParams(BaseModel):
 
 
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
-    """Why the item of a task to be posted is probably not where that says; empty where nothing tells so."""
+    """Why the item of a new task is probably not at the task's place; empty if nothing suggests that."""
     item_id = params.get("item_id")
     for task in tasks:
         if task.params.get("item_id") != item_id:

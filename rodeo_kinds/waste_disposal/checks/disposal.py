@@ -45,7 +45,7 @@ EARLY_SLACK_S = 1.0
 AWAY_M = 0.15
 """Distance of the hand from the item in the end: farther than its fingers reach."""
 OPEN_M = 0.003
-"""Fingers that let go of an item are at least so much wider than while they held it, each."""
+"""Each finger that lets go of an item opens by at least this distance."""
 NEAR_BIN_M = 1.2
 """A base whose arm drops something into the bin is no farther from its middle: an arm reaches 0.75 m."""
 BELOW_RIM_M = 0.1

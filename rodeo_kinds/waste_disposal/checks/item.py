@@ -35,8 +35,8 @@ def item_of(case: Case) -> ItemConfig:
 
 @once_per_case
 def bin_of(case: Case) -> BinConfig:
-    """The bin that the task names. Where it leaves the bin to the robot, or without a chain, the one whose
-    statements name this recording; of several the one that felt something fall. Raises CaseError."""
+    """The bin that the task names. If the task names none, or without a chain, the bin whose statements name
+    this recording; if several do, the one that felt something fall. Raises CaseError."""
     bins = case.site.bins
     if case.chain_record is not None and (named := ordered(case, CleaningParams).bin) is not None:
         found = next((one for one in bins if one.name == named), None)

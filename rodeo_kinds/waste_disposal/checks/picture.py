@@ -71,7 +71,7 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
     try:
         found = combined([asked.classify(picture) for picture in pictures])
     except ImageError as error:
-        # What has the hash that the bin signed is what the bin looked at: the executor cannot exchange it.
+        # The bin signed the hash of these bytes, so the executor did not exchange them.
         return undecided(
             f"it signed the hash of what is no picture: {error.message}",
             f"the bin {bin_name}",

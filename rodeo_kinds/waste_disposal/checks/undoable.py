@@ -355,6 +355,6 @@ def _rests(place_m: Array) -> Array:
 
 
 def _runs(of: Array) -> list[tuple[int, int]]:
-    """From where to where these are true, without interruption."""
+    """(first, end) of each uninterrupted run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], of, [False]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

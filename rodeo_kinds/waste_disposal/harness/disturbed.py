@@ -576,7 +576,7 @@ def hit_with_a_stick_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Sub
 
 @HARNESS.forgery("not_given_up", "cannot be done", role="executor")
 def hit_with_a_stick_in_seconds_that_are_left_out(shop: CleaningWorkshop) -> Submission:
-    """The same with both, and with the one after."""
+    """The same with both seconds left out, and the one after them."""
     return _hit_and_left_out(shop, -1.5, 2.2)
 
 

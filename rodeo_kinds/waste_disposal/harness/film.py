@@ -119,7 +119,7 @@ def _classified(camera: Camera, smart_bin: BinConfig, item: ItemConfig) -> str:
 
 
 def watched(take: Take, for_s: float = RECORDED_AFTER_DROP_S) -> Take:
-    """The same, recorded for so long after the drop, with what the bin states at the end of its watch."""
+    """`take` recorded for `for_s` after the drop, with the bin's statement at the end of its watch."""
     drop = take.of("bin/drop")[-1].message
     settled_s, until_s = drop["settled_s"], drop["settled_s"] + WATCHED_S
     longer = take.standing(settled_s + for_s + 1.0 - take.end_s)

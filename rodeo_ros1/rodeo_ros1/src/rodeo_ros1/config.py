@@ -167,7 +167,8 @@ def _add_participant(participant: Any, entries: dict[str, list[Entry]], layouts:
 
 
 def _check_names(entries: dict[str, list[Entry]]) -> None:
-    """A topic that is carried both ways would never end, and what has one name twice answers twice."""
+    """Check that no name occurs twice: a topic that is relayed both ways would loop, and a service with two
+    entries would answer twice."""
     for what in _FORMS:
         for side in ("ros1", "ros2"):
             groups = [entries[f"{what}_to_{one}"] for one in ("ros1", "ros2")]
