@@ -209,7 +209,7 @@ def demo(
     limit: Annotated[
         float,
         typer.Option(
-            help="Give up on a phase after so many seconds. Without it, after an hour. In any case after "
+            help="Give up on a phase after this many seconds. Without it, after an hour. In any case after "
             "3 minutes in which nothing moves."
         ),
     ] = LIMIT_S,

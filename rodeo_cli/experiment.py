@@ -65,7 +65,9 @@ def paper(
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
     ] = False,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Run so many seeds one after the other.")] = 1,
+    seeds: Annotated[
+        int, typer.Option(min=1, max=100, help="Number of seeds to run, one after the other.")
+    ] = 1,
     calibrated: CalibratedOption = None,
 ) -> None:
     """Run the days of the published experiment, and report them beside its numbers.

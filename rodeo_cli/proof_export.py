@@ -28,8 +28,8 @@ MAP = "map"
 DERIVED = "rodeo:derived"
 """Name of the metadata record of a derived file."""
 _HELD_S = 1.0
-"""A body at rest has a pose at either end of the rest. Between them it is written once in so long: tf2
-forgets what is older than 10 s."""
+"""A body at rest has a pose at either end of the rest. Between them the pose is written once per this time,
+because tf2 forgets poses after 10 s."""
 _LONGEST_S = 24 * 3600.0
 """A recording of a day is the longest that readers of proofs admit."""
 _FARTHEST_M = 300.0

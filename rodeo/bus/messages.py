@@ -353,7 +353,7 @@ an active service of the kind. It ends with the eighth entry, and with the secon
 
 
 PATIENCE_S = 3600
-"""For so long a task that only proven providers are offered waits for one. Then anybody may give it to
+"""A task that is offered to proven providers only waits this long for one. Then anybody may give it to
 another provider's service."""
 
 

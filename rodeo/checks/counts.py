@@ -37,9 +37,10 @@ class Counts:
     messages: int = 600_000
     """All topics together; an hour of a cleaning. Counted while the file is read."""
     uncompressed_bytes: int = 192 * 1024**2
-    """The same; 40 minutes of a cleaning. They lie in memory until there is a verdict."""
+    """Counted while the file is read; 40 minutes of a cleaning. They lie in memory until there is a
+    verdict."""
     seals: int = 20_000
-    """The same; each is parsed and compared."""
+    """Counted while the file is read; each seal is parsed and compared."""
     recorded_s: float = 24 * 3600.0
     """From the first log time to the last."""
     message_bytes: int = 2 * 1024
@@ -67,7 +68,7 @@ class Counts:
     """Stepped through physics in all replays together. Counted while they run."""
 
     def limits(self, file_bytes: int) -> Limits:
-        """What of them is counted while a file of at most so many bytes is read."""
+        """The limits that apply while a file of at most `file_bytes` is read."""
         # A chunk ends with a seal, or where it is larger than one MiB.
         chunks = self.seals + self.uncompressed_bytes // 1024**2
         return Limits(

@@ -136,7 +136,7 @@ class Desk:
         return self.client.organization_calls if self.participant == ORGANIZATION else self.client.calls
 
     def of_organization(self) -> Desk:
-        """The same for what the organization does itself, after a proposal."""
+        """This desk for calls that the organization makes itself, after a proposal."""
         return replace(self, participant=ORGANIZATION)
 
     def task(self, task_id: int) -> Row:

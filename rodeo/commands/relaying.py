@@ -60,7 +60,7 @@ class Sign(Message):
     command: Signable
     request: dict[str, Any] = Field(default_factory=dict)
     valid_s: Annotated[int, Field(ge=60, le=30 * 86_400)] = Field(
-        86_400, description="For so long it may be sent, s of block time."
+        86_400, description="How long the request may be sent, s of block time."
     )
 
 

@@ -16,7 +16,7 @@ class Bucket:
         self._at_s: float | None = None
 
     def take(self, now_s: float, amount: float = 1.0) -> bool:
-        """Whether so much is left at `now_s`; takes it."""
+        """Take `amount` if that much is left at `now_s`; whether it was."""
         if self._at_s is not None and now_s > self._at_s:
             self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s if self._at_s is None else max(self._at_s, now_s)
@@ -26,7 +26,7 @@ class Bucket:
         return True
 
     def wait_s(self, amount: float = 1.0) -> float:
-        """How long after the last `take` so much is left."""
+        """Time after the last `take` until `amount` is left."""
         return max(0.0, amount - self._left) / self._per_s
 
 

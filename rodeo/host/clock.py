@@ -147,7 +147,7 @@ class Patience:
         self._wall_s, self._site_s = time.monotonic(), self._clock.now_s()
 
     def pause(self, site_s: float) -> None:
-        """Let so much site time pass before the next look."""
+        """Wait for `site_s` before the next look."""
         self._clock.wait_until(self._clock.now_s() + site_s)
 
     @property

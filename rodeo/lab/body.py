@@ -160,7 +160,7 @@ class Arm:
         self._setpoint, self._control = numbers(data.act), numbers(data.ctrl)
         self._angles = [int(joint.qposadr[0]) for joint in joints]
         self._servos = [(int(motor.id), int(motor.actadr[0])) for motor in motors]
-        # The same numbers, to take all of them at once.
+        # The same indexes as an array, to read all numbers at once.
         self._angles_at = np.array(self._angles, np.intc)
         self._setpoints_at = np.array([at for _, at in self._servos], np.intc)
 
@@ -220,7 +220,7 @@ class Body:
         """(3,) of base_link in the map frame; a view."""
         self.quat_wxyz = data.xquat[base]
         """(4,) of base_link in the map frame; a view."""
-        # The same, to read single numbers.
+        # The same memory, to read single numbers.
         self._place = numbers(self.position_m), numbers(self.quat_wxyz)
 
     # -- what is asked for less than once in a control period -----------------------------------------

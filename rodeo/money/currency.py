@@ -19,7 +19,7 @@ MIN_DECIMALS, MAX_DECIMALS = 2, 18
 88 bits."""
 
 _DIGITS = 77
-"""A uint256 holds any number of so many."""
+"""A uint256 holds every number with this many digits."""
 
 
 class InvalidAmount(RequestError, ValueError):

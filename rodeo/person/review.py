@@ -49,7 +49,7 @@ class Use(_Frozen):
     photo: int | None = None
     """Which of its photos, from 1; None for the note."""
     differing_bits: int = 0
-    """Bits in which a photo's perceptual hash differs: by so much does a near copy."""
+    """Number of bits in which the perceptual hashes of a photo and its near copy differ."""
 
 
 class PhotoMetadata(_Frozen):

@@ -82,7 +82,7 @@ STAMP_SLACK_WALL_S = 15.0
 _ON_DEMAND_HZ = 20.0
 """Most messages of a topic without a rate."""
 _SAVED_S = 2.0
-"""What it did not say in so long it may say at once."""
+"""A publisher that was silent may send the messages of this time at once."""
 _LOST = 500
 """Messages that may be lost at once without time to explain them: a queue that overflowed."""
 _EARLIEST_NS = Limits().earliest_ns

@@ -39,7 +39,7 @@ _AGAIN_SHARE = 0.15
 _RECORD_BYTES = 31
 """What a file adds to a message."""
 LEAST_WORK_S = 300.0
-"""Work of so long has to fit into a proof before any is taken."""
+"""The robot takes work only if a proof has room for work of this length."""
 
 
 class _Heard(NamedTuple):

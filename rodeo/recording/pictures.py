@@ -31,8 +31,8 @@ _MOST = 4 * MAX_LOOKS
 """Most pictures of one recording, before a drop says which count: a robot delivers its item four times,
 and shows it each time for as many pictures as a classification combines."""
 _MOST_DROPS = 12
-"""Most drops of one recording whose pictures are fetched beyond that. A robot presents itself so often in
-four deliveries, and a drop names nobody who did so before the last one."""
+"""Most drops of one recording whose pictures are fetched beyond that. A robot presents itself this often in
+four deliveries, and a drop names nobody who presented itself before the last delivery."""
 _LEFT = 32
 """Classifications that a drop may still refer to: a bin keeps no more pictures."""
 _MAX_BYTES = 8 << 20

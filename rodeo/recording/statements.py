@@ -49,7 +49,7 @@ times what it has to say, and all of a site's devices together less than a proof
 _MOTION_BYTES_PER_S, _MOTION_BYTES_AT_ONCE = 20_000.0, 1e7
 """The same of motion capture: a kilobyte and a half for each body that moves."""
 _MOST_MISSED = 10_000
-"""No device makes so many statements during one recording."""
+"""More statements than any device makes during one recording."""
 _KEPT = 20_000
 """Numbers remembered of one device."""
 
@@ -83,7 +83,7 @@ class _Chain:
         """Times in a row that the journal did not tell what is missing."""
 
     def afford(self, heard: Heard, now_s: float, size_bytes: int) -> bool:
-        """Whether its device may say so much more."""
+        """Whether the budget of its device covers another statement of `size_bytes`."""
         return self.budget.take(now_s) and self._bytes[heard.device.role == "mocap"].take(now_s, size_bytes)
 
     @property
@@ -230,7 +230,7 @@ class StatementDoor:
         ]
 
     def known(self) -> list[tuple[str, str, int]]:
-        """The same of everybody who was heard."""
+        """(address, name, last number) of every device that was heard."""
         return [
             (address, name, chain.through)
             for address, chain in self._chains.items()
@@ -331,7 +331,7 @@ class StatementDoor:
 _MOST_UNASKED = 10
 """Claimed signers on one key that are remembered while nobody can be asked who they are."""
 _FRUITLESS = 5
-"""After so many questions it is certain that a journal does not have what is missing."""
+"""After this many requests without success, the journal does not have the missing statements."""
 _SIGNED_TWICE = 2
 """Statements under one number show that a device contradicts itself; more show nothing else."""
 

@@ -320,7 +320,7 @@ def _speeding_up(speed: float, acceleration: float, jerk: float) -> tuple[float,
 def _moved(
     state: NDArray[np.float64], jerk: NDArray[np.float64], lasts_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(3, ...) place, speed and acceleration after so long with this jerk."""
+    """(3, ...) place, speed and acceleration after `lasts_s` with this jerk."""
     place, speed, acceleration = state
     return np.array([
         place + lasts_s * (speed + lasts_s * (acceleration / 2 + lasts_s * jerk / 6)),

@@ -111,8 +111,8 @@ class Robot:
     announce: Callable[[Sighting], None]
     """Publishes where the robot sees the item that it is about to take."""
     estimate: Callable[[float, Pose2], Estimate]
-    """For a task with so many metres to drive in straight lines, which ends at that pose: by what this robot
-    took for tasks of this kind before."""
+    """Estimate for a task with this way (m, in straight lines) that ends at this pose, from the robot's
+    earlier tasks of the kind."""
 
 
 class Behaviour(ABC):

@@ -34,7 +34,7 @@ _HEADINGS = 24
 _LOOKOUT_M = (0.95, 1.1, 0.85)
 """From the place that is looked at to the robot's centre: what lies 0.3 m off is in sight, not underneath."""
 _PLAN_M = 0.03
-"""The site's plan is right to so much."""
+"""Accuracy of the site's plan."""
 _WAY_OUT_M = (0.7, 0.85, 1.0, 1.2, 1.5, 0.6)
 """How far behind a parking place the robot looks for room, in this order."""
 _BIN_POST_M = 0.5

@@ -52,14 +52,15 @@ _SILENT_AFTER_S = 10.0
 _FRESH_S = 0.1
 """Site time for which a message tells how things are now, unless a motion ended since it came."""
 _LASTING_S = 2.0
-"""Nonsense for so long is no single message. A driver that starts says zeros before its first measurement."""
+"""Invalid values for this time are more than a single bad message. A driver that starts publishes zeros
+before its first measurement."""
 _CLOCK_BEHIND_S = 1.0
 """Site time by which a simulated clock is heard late at most: no stamp is believed that is further ahead."""
 _GOAL_TIME_TOLERANCE_S = 3
 _GRIP_S = 1.0
 """For a gripper that follows trajectories: time to close or open."""
 STALLED_M = 0.001
-"""A finger so far from where it was sent has met something."""
+"""A finger that stops this far from its goal has met something."""
 NOTHING_HELD_M = GRIPPER_CLOSED_M + 0.001
 OPEN_ENOUGH_M = GRIPPER_OPEN_M - 0.004
 

@@ -19,12 +19,12 @@ from rodeo.host.stamps import stamp_s
 UNIT_SLACK = 0.01
 """How far the norm of an orientation may be from 1, as tf2 has it."""
 SILENT_WALL_S = 3.0
-"""A publisher that said nothing sensible for so long is followed no more: its process was restarted."""
+"""A publisher without valid messages for this time is dropped: its process was restarted."""
 MOST_PUBLISHERS = 4
 """Publishers of one robot's joints."""
 CHARGE_HOLDS_S = 30.0
-"""A state of charge is believed once the gauge has said as much for so long: one by voltage says full when
-current begins to flow."""
+"""A state of charge counts once the gauge has published it for this time: a gauge that measures voltage
+reports full when current begins to flow."""
 _MORE_CHARGE = 2.0
 """Times the charge that flowed into a battery, by its own current, that it may say that it has gained."""
 _CHARGE_STEP = 0.05

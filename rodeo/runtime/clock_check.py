@@ -41,7 +41,7 @@ devices (`CLOCKS_S` of a kind's checks), and each of the two may be off."""
 WAITING = f"waiting for the site's time, which {TIME_SOURCE} tells"
 
 _DRIFT_NS = 5_000_000
-"""By so much two clocks drift apart at most while round trips count (100 ppm)."""
+"""Most that two clocks drift apart while a round trip counts (100 ppm)."""
 _ANSWER_S = 5.0
 
 

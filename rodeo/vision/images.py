@@ -200,8 +200,8 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
 
 
 def _check_png(data: bytes, limits: ImageLimits) -> None:
-    """OpenCV asks for the memory that a chunk's length claims before it looks whether so much is there, and
-    libpng unpacks what follows the last pixel, too. Raises ImageError for both.
+    """OpenCV allocates the memory that a chunk's length claims before it checks that the file is that long,
+    and libpng also unpacks what follows the last pixel. Raises ImageError for both.
 
     Animations are refused: OpenCV composes them by code of its own, and no camera makes any.
     """

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from rodeo.witness.statement import MAX_HEADS, Head
 
 TOLD = 4
-"""In so many statements the newest head of a witness is listed: a recording that lacks what the witness said
-last lacks many statements, or shows it. Recorders speak every second anyway."""
+"""A witness lists the newest head of another witness in this many statements. A recording without that
+witness's last statements lacks many statements, or shows that they are missing. Recorders publish every
+second anyway."""
 
 RECORDINGS = 2
 """Recordings of one device whose newest heads are kept: it makes one after the other, and a witness may

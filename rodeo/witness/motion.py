@@ -17,9 +17,9 @@ from rodeo.witness.statement import MAX_STALLS, Motion
 Array = np.ndarray[Any, Any]
 
 PERIOD_US = 1_000_000
-"""While a body moves a statement covers so much time."""
+"""Time that a statement covers while a body moves."""
 LISTENING_PERIOD_US = 2_000_000
-"""The same while nothing moves and heads of others were heard."""
+"""Time that a statement covers while nothing moves and heads of others were heard."""
 
 _REST_DOT = float(np.cos(REST_RAD / 2))
 """Dot product of two unit quaternions that are `REST_RAD` apart."""

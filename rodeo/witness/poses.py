@@ -24,7 +24,7 @@ REST_M = 0.001
 """A body that stays this close to its last signed pose rests; motion capture repeats to a third of that."""
 REST_RAD = 0.002
 REST_PERIOD_US = 10_000_000
-"""A resting body is signed again so often."""
+"""Time after which the pose of a resting body is signed again."""
 
 STEP_M = 1e-4
 POSE_BYTES = 19

@@ -44,10 +44,10 @@ the wall's clock, and a hundredth of a core."""
 _REPEATS_PER_WALL_S = 10.0
 """Times that the newest statement on one key is handed on again: a robot repeats it every second."""
 AHEAD_S = 15.0
-"""A seal whose time is so far ahead of the site's clock is not heard: it would keep out all that come until
-then. A seal is never ahead of a simulated clock, which reaches the witness before it."""
+"""A seal whose time is this far ahead of the site's clock is ignored: it would exclude all seals until that
+time. A seal is never ahead of a simulated clock, which reaches the witness before it."""
 _MOST_BAD = 1000
-"""Forgeries that are remembered: said again, they cost no check."""
+"""Forgeries that are remembered, so that a repeated one costs no check."""
 _MOST_SEAL_BYTES = 4096
 """A seal has less than a kilobyte."""
 _MOST_STATEMENT_BYTES = 256 << 10

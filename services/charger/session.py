@@ -73,16 +73,17 @@ class SessionLimits:
     give_back_s: float = math.inf
     """By then the robot has signed for something, or the task is given back while that costs nothing."""
     present_s: float = 2.0
-    """A robot stands on the contacts when they report it for so long."""
+    """A robot stands on the contacts once they have reported it for this time."""
     absent_s: float = 3.0
-    """The contactor opens when the contacts were empty for so long."""
+    """The contactor opens once the contacts have been empty for this time."""
     return_s: float = 120.0
     """A robot that left may come back within this time; one that was restarted docks anew."""
     taper_s: float = 30.0
-    """At the voltage limit the current must stay below the cut-off for so long."""
+    """At the voltage limit the current must stay below the cut-off for this time."""
     no_current_s: float = 120.0
     reclose_s: float = 10.0
-    """Below the voltage limit, without current for so long, the contactor gets the command to close again."""
+    """After this time without current below the voltage limit, the contactor gets the command to close
+    again."""
     voltage_share: float = 0.98
     """From this share of the voltage limit on, a small current means full rather than a bad contact."""
 

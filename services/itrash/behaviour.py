@@ -56,10 +56,10 @@ class BinLimits:
     draws back in steps pauses for less, and one that holds still over the bin came to rest before the drop
     settled."""
     again_gone_s: float = 1.0
-    """While a drop is awaited, an item is looked at again only after the view was clear for so long: the
-    gripper passes the sensor on its way to the compartment."""
+    """While a drop is awaited, the bin looks at an item again only after the view was clear for this time:
+    the gripper passes the sensor on its way to the compartment."""
     another_gone_s: float = 60.0
-    """Anything that comes after the view was clear for so long is another item, whatever is still awaited."""
+    """After the view was clear for this time, the next thing is another item, whatever is still awaited."""
     turned_s: float = 10.0
     """A person, who sends no presentation, turns an item within this time."""
     looks: int = 3
@@ -77,15 +77,15 @@ class BinLimits:
     """Pause after a photo that could not be taken."""
     drop_timeout_s: float = 180.0
     deaf_s: float = 5.0
-    """Without a presence reading for so long the bin counts as down: drops went unnoticed."""
+    """Without a presence reading for this time the bin counts as down, because drops went unnoticed."""
     weigh_s: float = 5.0
     """How long the bin waits for load cells that have yet to report whether something fell. They need 1 s,
     and a bin that starts hears them one after another: at 20 times real time this is a quarter of a
     second."""
     presented_s: float = 120.0
-    """A robot that presented itself shows something within so long: an unknown item it shows again."""
+    """A robot that presented itself shows an item within this time; it shows an unknown item again."""
     shaken_s: float = 3.0
-    """A fall and its shaking change the weights within so long; slower changes happened while nobody
+    """A fall and its shaking change the weights within this time; slower changes happened while nobody
     looked."""
 
 

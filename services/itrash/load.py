@@ -13,12 +13,12 @@ class LoadLimits:
     """When a change of weight counts. The lightest item weighs 0.2 N; a good cell repeats to 0.02 N."""
 
     settle_s: float = 0.5
-    """A reading counts once the force has stayed within `tolerance_n` for so long."""
+    """A reading counts once the force has stayed within `tolerance_n` for this time."""
     tolerance_n: float = 0.05
     step_n: float = 0.1
     """Smaller changes of a settled reading are drift."""
     stay_s: float = 0.5
-    """A change that goes away sooner than so long after it settled does not count: a touch, a push."""
+    """A change that is gone within this time after it settled does not count: it was a touch or a push."""
     out_n: float = 1.0
     """A cell that carries less than minus this has lost its container, which was part of its zero: an empty
     container weighs more, and a zero drifts by less."""

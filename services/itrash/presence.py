@@ -10,9 +10,9 @@ class Presence:
     """Fed with stamped distances; lengths in m, times in s of site time.
 
     Args:
-        range_m: nearer than this something is present.
-        still_s, still_m: it is still once its distance has stayed within `still_m` for so long.
-        deaf_s: without a reading for so long the bin counts as down.
+        range_m: nearer than this something is present. still_s, still_m: it is still once its distance has
+        stayed within `still_m` for `still_s`.
+        deaf_s: without a reading for this time the bin counts as down.
     """
 
     def __init__(self, range_m: float, still_s: float, still_m: float, deaf_s: float) -> None:

@@ -25,11 +25,11 @@ from services.mocap.sources import Opening, Source, chosen_settings, load
 log = logging.getLogger(__name__)
 
 _SILENT_WALL_S = 1.0
-"""Without a frame for so long the cameras count as away."""
+"""Without a frame for this time the cameras count as away."""
 _WAIT_WALL_S = 0.2
 _TELL_WALL_S = 1.0
 _UNKNOWN_WALL_S = 10.0
-"""A body of the site that the system has not named for so long is probably called something else there."""
+"""A body of the site that the system has not named for this time probably has another name there."""
 
 
 class Cameras:

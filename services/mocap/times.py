@@ -7,10 +7,10 @@ from collections import deque
 from rodeo.host.stamps import SECOND_NS
 
 OFF_NS = SECOND_NS // 2
-"""A stamp that is so far off what is expected is another clock's: the system was started anew, or its clock
-is not the site's."""
+"""A stamp that differs this much from the expected one is another clock's: the system was restarted, or its
+clock is not the site's."""
 _WINDOW_NS = 60 * SECOND_NS
-"""For so long the fastest frame counts: two clocks drift apart by less than 3 ms meanwhile (50 ppm)."""
+"""Time for which the fastest frame counts; two clocks drift apart by less than 3 ms meanwhile (50 ppm)."""
 
 
 class SystemTime:

@@ -60,7 +60,7 @@ SWEEP_S = 30.0
 _NO_MORE = frozenset({"case_over", "passed_on_before", "not_judge", "not_a_judge"})
 """Errors when this oracle cannot rule any more, and others may."""
 _DECIDED = _NO_MORE | {"wrong_state", "wrong_attempt"}
-"""The same, and those when the attempt has ended."""
+"""Errors when this oracle cannot rule any more, or when the attempt has ended."""
 
 Answer = TypeVar("Answer")
 

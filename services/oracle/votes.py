@@ -40,7 +40,7 @@ REPEAT_S = 5.0
 TURN_S = 2.0
 """Wall time for which each oracle waits for the one before it to post what both can post."""
 _FIRST_S = 0.25
-"""The same for the first in order: the one who completed the votes posts already."""
+"""Wall time after which the first in order posts, because the one that completed the votes posts already."""
 _TIED_S = 60.0
 """Site time after which a vote is tried again whose judge's stake is committed to too much: cases end."""
 _LOOK_S = 1.0

@@ -34,7 +34,8 @@ class Acceptance:
         behaviours: Mapping[str, Behaviour],
         unfit: Callable[..., str],
     ) -> None:
-        """`unfit` tells why the robot could not prove any work, or work of so many seconds, if so."""
+        """`unfit` tells why the robot could not prove any work, or work of the given length (s); empty if it
+        could."""
         self._site = site
         self._dao = dao
         self._clock = clock

@@ -16,7 +16,7 @@ class HourlyBudget:
         self._used_s = 0.0
 
     def use(self, began_s: float, lasted_s: float) -> None:
-        """Count a span of so many seconds, in the hour in which it began."""
+        """Count `lasted_s` in the hour in which the span began."""
         hour = int(began_s // _HOUR_S)
         if hour != self._hour:
             self._hour, self._used_s = hour, 0.0

@@ -68,7 +68,7 @@ class Consumption(BaseModel):
         replace_file(path, self.model_dump_json())
 
     def drive_s(self, way_m: float) -> float:
-        """Time for a way of so many metres in straight lines."""
+        """Time (s) for a way of `way_m` in straight lines."""
         return way_m / self.speed_m_s
 
     def task_s(self, kind: str, way_m: float) -> float:

@@ -21,8 +21,8 @@ log = logging.getLogger(__name__)
 _IDLE_WALL_S, _IDLE_S = 2.0, 600.0
 """Longest wall and site time without a look at chain and battery while nothing happens."""
 _ASTRAY_S, _ASTRAY_TRIES = 30.0, 40
-"""A robot that did not get home tries again after so long (site time), and so many times: elsewhere it may
-stand in another's way, switched off for the whole night."""
+"""A robot that did not get home tries again after this site time, this many times. Elsewhere it may stand in
+another robot's way, switched off for the whole night."""
 
 
 class Distracted(AgentError):

@@ -81,7 +81,7 @@ class Motion:
         return self.waypoints[-1].time_s
 
     def at(self, spline: BPoly, period: int) -> np.ndarray:
-        """(joints,) where they are wanted so many control periods after the start, rad."""
+        """(joints,) wanted angles (rad) at this control period after the start."""
         first, ahead_rad = self._ahead
         if not 0 <= period - first < len(ahead_rad):
             first, times_s = period, CONTROL_PERIOD_S * np.arange(period, period + _AHEAD)

@@ -28,7 +28,7 @@ from services.ros_dao.workers import Busy, Workers
 log = logging.getLogger(__name__)
 
 COMMAND_THREADS, QUERY_THREADS = 64, 8
-"""A command waits for its block, so many of them wait at once."""
+"""Threads for commands, each of which waits for its block, and threads for queries."""
 Answer = Callable[[PendingRequest], dict[str, Any]]
 """Fields of the response."""
 

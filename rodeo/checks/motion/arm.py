@@ -31,7 +31,7 @@ HELD_M = 0.003
 HELD_SHARE = 0.9
 """Share of that; the command to open comes before they do."""
 COMPARED_S = 0.15
-"""A command is compared with joints that were recorded at most so far apart: an arm that moves goes 0.1 rad
+"""A command is compared with joints that were recorded within this time of it; a moving arm moves by 0.1 rad
 meanwhile."""
 NO_NUMBER_SHARE = 0.1
 """Share of a controller's states that may be missing."""

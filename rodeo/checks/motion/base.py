@@ -17,7 +17,7 @@ from rodeo.site.topics import ODOM, Topic
 TOLERANCE = 1.05
 """On published limits, for numerical differentiation of poses."""
 WINDOW_S = 0.2
-"""Speeds are taken over so long, so that a tenth of a millimetre of noise does not count as motion."""
+"""Speeds are means over this time, so that a tenth of a millimetre of noise does not count as motion."""
 TYRE_GRIP_M_S2 = 0.8 * 9.81
 """Whatever the motors do, tyres with a friction of 0.8 cannot push harder."""
 ODOMETRY_WINDOW_S = 2.0
@@ -136,8 +136,8 @@ def _rate(time_s: Array, values: Array) -> Array:
 
 
 def _windows(time_s: Array, values: Array, count: int) -> tuple[Array, list[Array]]:
-    """When they begin, and `values` at the edges of so many windows in a row, which begin or end at each
-    sample. Between two samples they lie on the straight line: a body of which no pose is signed rests."""
+    """When the windows begin, and `values` at the edges of `count` windows in a row that begin or end at each
+    sample. Values between two samples are interpolated: a body without signed poses rests."""
     length_s = count * WINDOW_S
     begins_s = np.concatenate([time_s, time_s - length_s])
     begins_s = begins_s[(begins_s >= time_s[0]) & (begins_s <= time_s[-1] - length_s)]

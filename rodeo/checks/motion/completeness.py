@@ -24,7 +24,7 @@ COMMANDS_SHARE = 0.5
 """Share of the controllers' states that may be in holes, or missing: at 10 Hz one run of a hundred lost
 messages, five times the mean, is a third of half a minute."""
 HOLE_PERIODS = 25
-"""A silence of so many nominal periods (0.5 s at 50 Hz) is a hole."""
+"""A silence of this many nominal periods (0.5 s at 50 Hz) is a hole."""
 _NO_NUMBERS = "a bag does not hold the publishers' sequence numbers"
 
 

@@ -45,7 +45,7 @@ GUESSED_S = 0.2
 FINGERS_REACH_M = 0.2
 """An item that is farther from the gripper's middle is not at its fingers."""
 AT_BASE_M = 0.1
-"""The same of the base's outline."""
+"""An item that is farther from the base's outline is not at the base."""
 BASE_REACHES_M, GRIPPER_REACHES_M = 0.65, 0.5
 """What robots have with them does not stick out farther than 40 cm: an item that is farther from the base's
 outline, or from the gripper's middle, is out of reach."""
@@ -245,7 +245,8 @@ def _hidden(case: Case, item: Pose, *bodies: Pose) -> Iterator[tuple[float, floa
 
 
 def _stays(body: Pose, from_s: float, until_s: float, most_s: float = STAYS_S) -> bool:
-    """Whether it is seen at one place right before this time and right after it, at most so long apart."""
+    """Whether `body` is seen at the same place right before `from_s` and right after `until_s`, and these are
+    at most `most_s` apart."""
     near = (body.time_s >= from_s - HALF_WINDOW_S) & (body.time_s <= until_s + HALF_WINDOW_S)
     at_one_place = (np.ptp(body.position_m[near], axis=0) <= LIES_M).all()
     return bool(until_s - from_s <= most_s and at_one_place)

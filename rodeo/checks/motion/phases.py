@@ -23,13 +23,13 @@ an agent on a busy machine may think for long."""
 CLOSED_M = 0.001
 """A gripper that closes by less than this closes on nothing."""
 HELD_S = 1.0
-"""For so long after the lift an item must stay in the gripper to count as picked up."""
+"""An item that stays in the gripper for this time after the lift counts as picked up."""
 FALL_S = 1.0
 """From the opening of the fingers until the item lies, where nobody saw it."""
 LIES_S = 5.0
-"""An item that lies still for so long, so long after it was let go of, has come to rest."""
+"""An item has come to rest if it lies still for this time, this time after it was released."""
 HIDDEN_S = 2.5
-"""An item that is not seen for so long at the end is behind walls; less is a run of lost messages."""
+"""An item that is unseen for this time at the end is behind walls; a shorter gap is lost messages."""
 REST_M = 0.02
 """An item that stays this close to where it is last seen lies there."""
 

@@ -84,8 +84,9 @@ class Perturbation:
 
 @cache
 def ensemble(joints: int) -> tuple[Perturbation, ...]:
-    """For an arm of so many joints: none, then 1.5 mm of motion capture, half a milliradian of encoders, 15 %
-    of friction and 10 % of effort. The same ones for every proof, so that anybody gets the same result."""
+    """Perturbations for an arm with this number of joints: none, then 1.5 mm of motion capture, half a
+    milliradian of encoders, 15 % of friction and 10 % of effort. Every proof gets the same ones, so that
+    anybody gets the same result."""
     return (
         Perturbation(),
         *(

@@ -9,8 +9,9 @@ from scipy.ndimage import correlate1d
 from rodeo.evidence.series import Array
 
 HALF_WINDOW_S = 0.2
-"""Half of the window of the fit at each moment. What 170 kg do on tyres is a parabola over so long, to a
-millimetre; noise of 2 mm and 5 mrad shakes a hand with 15 m/s2 as it is, and with 0.3 m/s2 after."""
+"""Half of the window of the fit at each moment. Over the window the motion of 170 kg on tyres is a parabola
+to within a millimetre. Noise of 2 mm and 5 mrad means 15 m/s2 at the hand before the fit, and 0.3 m/s2 after
+it."""
 STEP_S = 0.01
 """Between two moments that are fitted; in between the motion is a cubic."""
 

@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 _ASK_S = 1.0
 """Between two questions to a server: for its name, its bodies, its time, or to stream on."""
 _SILENCE_S = 5.0
-"""Without a frame for so long the server is asked anew who it is."""
+"""After this time without a frame the server is asked again for its name."""
 _LOOK_S = 0.1
 _MOST_BYTES = 65_535
 _BUFFERED_BYTES = 1 << 20
