@@ -106,7 +106,7 @@ class Meter:
             del self._unsaid[0]
 
     def restore(self, reading: Reading) -> None:
-        """Like `reading`, for readings of an earlier process, of which those in a record are counted already."""
+        """Like `reading`, for readings of an earlier process: those in a record are counted already."""
         if reading.time_s <= self._until_s and self._last is None:
             self._said = reading
             return
