@@ -11,6 +11,7 @@ from rodeo.attempts.events import TaskEvents
 from rodeo.attempts.journal import recording_of
 from rodeo.attempts.orders import Order, Orders
 from rodeo.attempts.room import Room, Tapes
+from rodeo.bus.messages import ClockOffset
 from rodeo.dao import Participant
 from rodeo.evidence.store import Store
 from rodeo.kinds import Kind
@@ -37,6 +38,10 @@ class RobotDevice:
         self.key = process.wait_account(f"{robot.name}-device")
         self.node = self.make_node(node)
         closing.callback(self.node.close)
+
+    def offset(self) -> ClockOffset | None:
+        """How far this process's clock is off the site's time."""
+        return self.process.clock_check.offset
 
     def make_node(self, name: str) -> Node:
         session, domain_id = self.process.bus.session, self.site.bus.domain_id
@@ -94,6 +99,5 @@ class RobotDevice:
         store = Store(site)
         copies = Copies(bus, site.org, name, store, partial(recording_of, tasks))
         self.closing.callback(copies.close)
-        check = self.process.clock_check
-        recorded = RecordedRobot(site, name, self.key, bus, self.clock, interrupts, lambda: check.offset)
+        recorded = RecordedRobot(site, name, self.key, bus, self.clock, interrupts, self.offset)
         return Room(tasks, dao, Tapes(recorded, dao, kinds, self.make_node), events, store)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,11 +12,13 @@ from itertools import pairwise
 from statistics import median
 from typing import NamedTuple
 
+from rodeo.bus.messages import ClockOffset
 from rodeo.evidence.container import Limits
 from rodeo.host.clock import Clock
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.rates import FASTEST_HZ
 from rodeo.recording.door import stamp_slack_s
+from rodeo.recording.stamps import StampCheck
 from rodeo.ros2 import plain
 from rodeo.ros2.base import MessageInfo, Subscription
 from rodeo.ros2.errors import MalformedMessage
@@ -61,20 +64,30 @@ class _Publisher:
 
 
 class Pace:
-    """Listens to each topic of the robot until it is known to be good enough, and again now and then. Of
-    publishers that say the same the one that was heard first counts, as it does for the recorder.
+    """Listens to each topic of the robot until it is known to be good enough, and again now and then; where
+    computers have clocks of their own always, because these go wrong at any time. Of publishers that say the
+    same the one that was heard first counts, as it does for the recorder.
 
     Args:
         joints: those of the arm. Whoever says others only may say them as often as it likes.
         most: what a proof holds.
+        offset: how far `clock` is off the site's time.
     """
 
     def __init__(
-        self, node: Node, site: Site, robot: RobotConfig, clock: Clock, joints: tuple[str, ...], most: Limits
+        self,
+        node: Node,
+        site: Site,
+        robot: RobotConfig,
+        clock: Clock,
+        joints: tuple[str, ...],
+        most: Limits,
+        offset: Callable[[], ClockOffset | None],
     ) -> None:
         self._node, self._rates, self._clock, self._most = node, robot.rates, clock, most
         self._joints = {name: name.encode() + b"\0" for name in joints}
         self._slack_s = stamp_slack_s(max(site.clock.speed, site.clock.idle_speed))
+        self.stamps = StampCheck(site, clock.now_ns, offset)
         self._publishers: dict[Topic, dict[bytes, _Publisher]] = {}
         self._flows: dict[tuple[Topic, bytes], tuple[float, float]] = {}
         """Topic and publisher -> messages and bytes in a second."""
@@ -95,11 +108,14 @@ class Pace:
 
     def _on_message(self, topic: Topic, info: MessageInfo) -> None:
         with suppress(MalformedMessage):
-            heard = _Heard(self._clock.now_s(), plain.stamp_ns(info.cdr) * 1e-9)
+            stamp_ns = plain.stamp_ns(info.cdr)
+            heard = _Heard(self._clock.now_s(), stamp_ns * 1e-9)
             publisher = self._publishers[topic].get(info.gid) or self._new(topic, info, heard.at_s)
             if publisher is not None:
                 publisher.heard.append(heard)
                 publisher.size_bytes = len(info.cdr) + _RECORD_BYTES
+                if publisher.says:
+                    self.stamps.add(topic, self._names[topic], info.gid, stamp_ns)
 
     def _new(self, topic: Topic, info: MessageInfo, now_s: float) -> _Publisher | None:
         known = self._publishers[topic]
@@ -117,6 +133,8 @@ class Pace:
     def misfit(self, now_s: float, work_s: float) -> str:
         """Why work of `work_s` cannot be proved with drivers that speak so; "" where it can, or is not known
         yet."""
+        if found := self.stamps.problem:
+            return found
         for topic, name in self._names.items():
             if topic in self._inputs:
                 if found := self._judged(topic, now_s):
@@ -136,8 +154,9 @@ class Pace:
             if found is not None:
                 wanted -= publisher.says
         if not wanted:
-            self._inputs.pop(topic).close()
-            self._known_s[topic] = time.monotonic()
+            if not self.stamps.compares:
+                self._inputs.pop(topic).close()
+                self._known_s[topic] = time.monotonic()
             self._publishers[topic] = live  # who has gone counts no longer
         return ""
 

@@ -14,6 +14,8 @@ RodeoError
     ├── Unreachable         no arm configuration, or no place to stand, for a pose
     ├── NotFound            the item is not where it should be
     ├── GraspFailed         the item is not in the gripper after grasping
+    ├── EvidenceHole        a stretch of the work is not in the recording
+    │   └── WrongClock      a computer of the robot does not stamp with the site's time
     ├── NoAnswer            another device did not answer in time
     ├── TakenOut            what was dropped did not stay in the bin
     └── TaskFailed          the task cannot be done; the cause says why
@@ -84,6 +86,10 @@ class EvidenceHole(AgentError):
 
 class NoAnswer(AgentError):
     """Another device on the site did not answer in the time it was given."""
+
+
+class WrongClock(EvidenceHole):
+    """A computer of the robot does not stamp with the site's time."""
 
 
 class TakenOut(AgentError):

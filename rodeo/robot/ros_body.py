@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rodeo.bus.messages import ClockOffset
 from rodeo.checks.counts import COUNTS
 from rodeo.evidence.container import Limits
 from rodeo.host.clock import Clock, Patience
@@ -354,8 +355,15 @@ class RosBody:
     """
 
     def __init__(
-        self, node: Node, site: Site, robot: RobotConfig, clock: Clock, interrupts: Interrupts
+        self,
+        node: Node,
+        site: Site,
+        robot: RobotConfig,
+        clock: Clock,
+        interrupts: Interrupts,
+        offset: Callable[[], ClockOffset | None] = lambda: None,
     ) -> None:
+        """`offset` is how far `clock` is off the site's time, None where nobody knows."""
         self.interrupts = interrupts
         names, simulated = {"ns": robot.namespace}, site.clock.source == "sim"
 
@@ -364,7 +372,8 @@ class RosBody:
 
         arm = self._arm_model = arm_model(robot.kinematics)
         wanted = (*arm.joints, *arm.fingers)
-        self._pace = Pace(node, site, robot, clock, wanted, COUNTS.limits(Limits().file_bytes))
+        most = COUNTS.limits(Limits().file_bytes)
+        self._pace = Pace(node, site, robot, clock, wanted, most, offset)
 
         def gather(messages: list[Any]) -> tuple[Any, frozenset[int]]:
             found, used = readings.joints(messages, wanted)
@@ -433,6 +442,11 @@ class RosBody:
         """What the body says that cannot be used, and why; "" if there is none."""
         heard = (self._battery, self._pose, self._joint_states)
         return "; ".join(f"{one.topic}: {one.problem}" for one in heard if one.problem)
+
+    @property
+    def wrong_clock(self) -> str:
+        """Which of the robot's computers does not have the site's time; "" while none is known."""
+        return self._pace.stamps.problem
 
     def unfit(self, work_s: float = LEAST_WORK_S) -> str:
         """Why no work of `work_s` can be proved with a body that speaks so, as far as it was heard; "" if it

@@ -57,7 +57,7 @@ class _Parts(RobotDevice):
 
     def make_machine(self, interrupts: Interrupts) -> Machine:
         site, robot, clock = self.site, self.robot, self.clock
-        body = RosBody(self.node, site, robot, clock, interrupts)
+        body = RosBody(self.node, site, robot, clock, interrupts, self.offset)
         floor, chance = Floor(site), generator(site, self.process.name, "explore")
         memory = Memory(site, self.process.data_dir / "memory.json")
         arm = Arm(robot.limits, robot.kinematics, robot.postures)

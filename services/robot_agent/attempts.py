@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 
-from rodeo.attempts.journal import Journal, Phase
+from rodeo.attempts.journal import Phase
 from rodeo.attempts.room import Attempt, Room
 from rodeo.bus.messages import Task
 from rodeo.errors import RemoteError
 from rodeo.evidence.store import Store
+from rodeo.robot.errors import WrongClock
 from rodeo.runtime.logs import about_task
 from rodeo.runtime.process import Process
 from services.robot_agent.acceptance import Acceptance
@@ -64,9 +65,18 @@ class Attempts:
         self._idle.activity.report(f"gave task {task.id} back: {why}", trouble=True)
         self._idle.wait_for_news()  # the index is about to show it
 
-    def _gives_back(self, task: Task, journal: Journal) -> bool:
-        """Whether a proof would only cost something, and giving the task back costs nothing yet."""
-        return journal.unproven and self._process.clock.now_s() <= task.grace_ends_s
+    def _costs_nothing(self, task: Task) -> bool:
+        """Whether giving the task back is still free."""
+        return self._process.clock.now_s() <= task.grace_ends_s
+
+    def _give_back(self, task: Task, why: str) -> None:
+        self._dao.abandon_task(task)
+        self._wait_given_back(task, why)
+        self._tidy(task)
+
+    def _tidy(self, task: Task) -> None:
+        """Work that failed, or was interrupted, may have left the robot in somebody's way."""
+        self._skills.behaviours[task.kind].tidy()
 
     def has_begun(self, task: Task) -> bool:
         return self._room.has_begun(task)
@@ -75,19 +85,25 @@ class Attempts:
         """Bring the attempt from the phase that it is in to its end."""
         task, journal = attempt.task, attempt.journal
         if journal.phase == Phase.EXECUTING:
-            self._records.record(attempt)
+            try:
+                self._records.record(attempt)
+            except WrongClock as error:
+                if not self._costs_nothing(task):
+                    raise  # it may be right again in time: then the work begins anew
+                log.warning("giving task %d back: %s", task.id, error)
+                self._give_back(task, error.message)
+                return
         if journal.phase == Phase.EXECUTED:
             self._records.seal(attempt)
         if journal.phase == Phase.SEALED:
             if self._idle.off_duty:
                 self._close_services_first(task)
-            if self._gives_back(task, journal):
-                self._dao.abandon_task(task)
-                self._wait_given_back(task, str(journal.failure))
+            if journal.unproven and self._costs_nothing(task):
+                # A proof would only cost something.
+                self._give_back(task, str(journal.failure))
             else:
                 self._submit(attempt)
-            # Work that failed, or was interrupted, may have left the robot in somebody's way.
-            self._skills.behaviours[task.kind].tidy()
+                self._tidy(task)
         if journal.phase == Phase.SUBMITTED:
             self._idle.wait_for_news()  # the index is about to show it
             if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:

@@ -130,6 +130,8 @@ class Execution:
 
         def check() -> None:
             recording.check()
+            if done is None:
+                self._machine.check_clock()
             outside()
 
         behaviour = self._skills.behaviours[task.kind]
@@ -202,9 +204,11 @@ class Records:
         task, path = attempt.task, attempt.path
         if problem := self._process.disk.look():
             raise DiskFull(problem)
+        done = self._skills.behaviours[task.kind].irrevocable(path) if path.exists() else None
+        if done is None:
+            self._machine.check_clock()
         if (held := self._machine.feel()) is not None:
             self._machine.put_back(held, self._activity.report)
-        done = self._skills.behaviours[task.kind].irrevocable(path) if path.exists() else None
         if done is not None and done.complete:
             attempt.advance(Phase.EXECUTED)  # interrupted after everything was stated
             return

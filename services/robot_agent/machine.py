@@ -15,7 +15,7 @@ from rodeo.host.clock import Clock
 from rodeo.kinds import Kind
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.robot.behaviour import Behaviour, Estimate
-from rodeo.robot.errors import MotionFailed, TaskFailed, Unreachable
+from rodeo.robot.errors import MotionFailed, TaskFailed, Unreachable, WrongClock
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.memory import Held, Memory
@@ -49,6 +49,11 @@ class Machine:
         except MotionFailed as error:
             log.warning("cannot find out what the gripper holds: %s", error)
             return self.memory.held
+
+    def check_clock(self) -> None:
+        """Raises WrongClock: what the body says proves nothing."""
+        if problem := self.body.wrong_clock:
+            raise WrongClock(problem)
 
     def put_back(self, held: Held, report: Callable[[str, float], None]) -> None:
         """Lay an item that an interruption or a failed attempt left in the gripper where it was taken."""

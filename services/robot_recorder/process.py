@@ -59,7 +59,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Watch
     device = RobotDevice(process, robot, "recorder", closing)
     interrupts, news = Interrupts(check), ClockedEvent(clock)
     dao = Participant(process.bus, site.org, robot.name)
-    body = RosBody(device.node, site, robot, clock, interrupts)
+    body = RosBody(device.node, site, robot, clock, interrupts, device.offset)
     witness = device.make_witness()
     bins = device.make_bins(witness, interrupts)
     receipts = Receipts(site, robot, witness, process.bus, device.node, clock)
@@ -70,7 +70,12 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Watch
     closing.callback(orders.close)
     events, kinds = TaskEvents(), kinds_of(site)
     works = Works(kinds, bins, frozenset(item.id for item in site.items))
-    takes = Takes(process, dao, device.make_room(dao, kinds, events, interrupts), works, orders, interrupts)
+
+    def wrong_clock() -> str:
+        return process.clock_check.problem or body.wrong_clock
+
+    room = device.make_room(dao, kinds, events, interrupts)
+    takes = Takes(process, dao, room, works, orders, interrupts, wrong_clock)
     closing.callback(takes.close)
 
     def on_event(event: DaoEvent) -> None:

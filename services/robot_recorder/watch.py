@@ -67,6 +67,8 @@ class Watch:
         self._report(assigned)
         if standing.charge and charge is not None:
             self._orders.charge_bought()
+        if take is not None and not take.resumed:
+            take.wrong_clock = take.wrong_clock or self._body.wrong_clock
         if unfit := self._process.clock_check.problem or self._body.unfit():
             self._process.not_ready(unfit)
         else:

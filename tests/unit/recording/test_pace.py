@@ -30,12 +30,14 @@ PER_MESSAGE = 1_000
 class Drivers:
     """Drivers of a robot's joints, and its pace; `at_s` is site time and, from its beginning, the wall's."""
 
-    def __init__(self, most: Limits) -> None:
+    def __init__(self, most: Limits, source: str = "sim") -> None:
         self.at_s = START_S
         self.heard: dict[str, Callable[[MessageInfo], None]] = {}
         site = Site.load(LAB)
-        clock: Any = SimpleNamespace(now_s=lambda: self.at_s)
-        self.pace = Pace(self, site, site.robots[0], clock, ARM, most)  # type: ignore[arg-type]
+        site = site.model_copy(update={"clock": site.clock.model_copy(update={"source": source})})
+        clock: Any = SimpleNamespace(now_s=lambda: self.at_s, now_ns=lambda: round(self.at_s * 1e9))
+        robot: Any = self
+        self.pace = Pace(robot, site, site.robots[0], clock, ARM, most, lambda: None)
 
     def raw_subscription(self, name: str, _type: str, callback: Any, **_options: Any) -> Any:
         self.heard[name] = callback
@@ -76,6 +78,11 @@ def test_a_driver_that_is_restarted_at_another_rate_is_found(drivers: Drivers) -
     drivers.at_s += LATER_S
     assert drivers.found() == "", "it is listened to again"
     assert "10 Hz" in drivers.speak(b"b", ARM, 10)
+
+
+def test_where_computers_have_clocks_of_their_own_drivers_are_heard_always() -> None:
+    drivers = Drivers(Limits(), "wall")
+    assert drivers.speak(b"a", ARM, 50) == "" and NAME in drivers.heard
 
 
 def test_a_driver_that_has_gone_counts_no_longer(drivers: Drivers) -> None:

@@ -109,6 +109,8 @@ class KinematicBody:
         self._arm = Arm(site.robots[0].limits)
         self._hang: Vector = np.zeros(3)
 
+    wrong_clock = ""
+
     def unfit(self, work_s: float = 0.0) -> str:
         return ""
 

@@ -21,7 +21,7 @@ from rodeo.host.clock import WallClock
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.schedule import Schedule
 from rodeo.robot.behaviour import Estimate
-from rodeo.robot.errors import BodySilent, CapReached, MotionFailed, Revoked
+from rodeo.robot.errors import BodySilent, CapReached, MotionFailed, Revoked, WrongClock
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
 from rodeo.site.sections import AgentConfig, ClockConfig
@@ -80,6 +80,7 @@ class Night:
     memory: Any = field(default_factory=lambda: SimpleNamespace(held=None))
     agent: Any = None
     clock_check: Any = field(default_factory=lambda: SimpleNamespace(problem=""))
+    wrong_clock: str = ""
 
     def unfit(self, work_s: float = 0.0) -> str:
         return ""
@@ -137,11 +138,11 @@ class Night:
                 return False
 
         skills = Skills({}, {TASK.kind: fakes}, fakes, self.clock)
-        machine = Machine(robot, fakes, self.hands, none, self.memory, Interrupts(), none)
+        machine = self.machine = Machine(robot, fakes, self.hands, none, self.memory, Interrupts(), none)
         offers = SomeOffers(robot, fakes, skills, none, self.clock)
         self.idle = SomeIdle(process, machine, self.news, activity, none, fakes, offers)
         willing: Any = SimpleNamespace(accept=lambda *_: None)
-        self.attempts = SomeAttempts(process, fakes, skills, none, offers, fakes, willing, self.idle)
+        self.attempts = SomeAttempts(process, fakes, skills, fakes, offers, fakes, willing, self.idle)
         decisions: Any = SimpleNamespace(add=lambda _decided: None)
         senses = Senses(process, "charge", fakes, skills, self.attempts, self.idle, orders, decisions)
         self.turns = Turns(process, robot, fakes, self.news)
@@ -209,6 +210,12 @@ class Night:
     def tidy(self) -> None:
         pass
 
+    def record(self, _attempt: Attempt) -> None:
+        self.machine.check_clock()
+
+    def abandon_task(self, _task: Task) -> None:
+        self.did.append("abandon")
+
     # what keeps it fit, and the dock
     def battery_suffices(self, *_: Any) -> bool:
         return True
@@ -234,7 +241,13 @@ class NightClock:
         return self._night.now_s
 
     def wait_for(
-        self, done: Callable[[], bool], stop: threading.Event, *, until_s: float, resting: bool
+        self,
+        done: Callable[[], bool],
+        stop: threading.Event,
+        *,
+        until_s: float,
+        resting: bool,
+        wall_s: float | None = None,
     ) -> bool:
         assert resting, "a clock that jumps jumps over the night"
         self._night.wait_until(until_s, stop)
@@ -359,6 +372,27 @@ def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
     journal: Any = SimpleNamespace(phase=Phase.SEALED, unproven=False, failure=None, advance=lambda *_: None)
     night.attempts.advance(Attempt(TASK, Path(), journal))
     assert night.did == (["pause", "submit"] if paused else ["submit"])
+
+
+# -- clocks ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("early_s", [10.0, -10.0])
+def test_work_that_a_wrong_clock_spoils_goes_back_while_that_is_free_and_begins_anew_later(
+    early_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    night = Night(TASK.grace_ends_s - early_s)
+    night.mind()
+    journal: Any = SimpleNamespace(phase=Phase.EXECUTING, unproven=False, failure=None)
+    night.wrong_clock = "panther1/odom: the clock that stamps it is 1.50 s ahead"
+    attempt = Attempt(TASK, Path(), journal)
+    if early_s > 0:
+        night.attempts.advance(attempt)
+        assert night.did == ["abandon"] and "1.50 s ahead" in caplog.text
+    else:
+        with pytest.raises(WrongClock, match=r"1\.50 s ahead"):
+            night.attempts.advance(attempt)
+        assert night.did == []
 
 
 # -- refusals ----------------------------------------------------------------------------------------------

@@ -88,7 +88,8 @@ def takes_in(room: Any, attend: Callable[[], None], clock_problem: str = "") -> 
     check = SimpleNamespace(problem=clock_problem)
     process: Any = SimpleNamespace(clock=ManualClock(), clock_check=check, disk=disk, stop=threading.Event())
     dao: Any = SimpleNamespace(name="panther1", task=lambda _id: TASK)
-    takes = Takes(process, dao, room, Works(kinds, {}, frozenset()), orders, Interrupts(lambda: None))
+    works, interrupts = Works(kinds, {}, frozenset()), Interrupts(lambda: None)
+    takes = Takes(process, dao, room, works, orders, interrupts, lambda: check.problem)
     takes.start(7, 1)
     return takes
 
@@ -140,6 +141,13 @@ def test_a_recording_that_takes_nothing_more_is_finished_as_it_is() -> None:
     assert takes.running is None
     assert "restarted" in takes.stop(7, 1, "").missing
     assert room.done == ["let go", "sealed as it is"]
+
+
+def test_what_was_recorded_with_a_wrong_clock_lacks_the_sites_time() -> None:
+    takes = takes_in(Room(), lambda: None)
+    assert takes.running is not None
+    takes.running.wrong_clock = "1.50 s ahead"
+    assert takes.stop(7, 1, "").missing == "1.50 s ahead"
 
 
 def test_with_a_wrong_clock_no_recording_begins_and_the_number_is_said() -> None:

@@ -46,11 +46,15 @@ def watch(
     charge: Any = None,
     take: Any = None,
     stopped: list[bool] | None = None,
+    wrong_clock: str = "",
 ) -> Watch:
     """A watch whose robot has the tasks `assigned`, the charge `charge` and the recording `take`; into
     `stopped` goes what it tells the body."""
     told = [] if stopped is None else stopped
-    body: Any = SimpleNamespace(emergency_stop=told.append, unfit=lambda: "", unknown="", vitals=dict)
+    body: Any = SimpleNamespace(
+        emergency_stop=told.append, unfit=lambda: wrong_clock, unknown="", vitals=dict
+    )
+    body.wrong_clock = wrong_clock
     mind: Any = SimpleNamespace(tell=lambda *_a: None, nodes=["/panther1/mind"])
     dao: Any = SimpleNamespace(name="panther1", tasks=lambda **_wanted: list(assigned))
     charges: Any = SimpleNamespace(look=lambda: charge)
@@ -68,7 +72,7 @@ TASK = SimpleNamespace(id=7, nonce="n")
         ({}, True),
         ({"assigned": [TASK]}, False),
         ({"charge": TASK}, False),
-        ({"take": SimpleNamespace(attempt=SimpleNamespace(task=TASK))}, False),
+        ({"take": SimpleNamespace(attempt=SimpleNamespace(task=TASK), resumed=True)}, False),
     ],
 )
 def test_no_time_is_jumped_over_while_a_mind_has_something_to_do(work: Any, may_jump: bool) -> None:
@@ -90,6 +94,16 @@ def test_time_is_not_jumped_over_before_it_is_known_what_there_is_to_do() -> Non
 
     watch(process, Orders()).run()
     assert process.rests == [False] * 2
+
+
+def test_a_robots_clock_that_was_wrong_during_the_work_is_what_the_proof_lacks() -> None:
+    process: Any = Process()
+    standing = SimpleNamespace(stopped=False, charge=False)
+    orders = SimpleNamespace(standing=standing, cancelled=lambda _n: False)
+    take: Any = SimpleNamespace(attempt=SimpleNamespace(task=TASK), resumed=False, wrong_clock="")
+    watch(process, orders, take=take, wrong_clock="1.50 s ahead").run()
+    watch(process, orders, take=take).run()
+    assert take.wrong_clock == "1.50 s ahead"
 
 
 class Receipts:
