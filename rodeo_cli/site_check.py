@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from rodeo.errors import ConfigError
 from rodeo.kinds import DEFAULT_PRICE_IEC, NOT_INSTALLED, KindError, declared, installed, load
-from rodeo.lab.config import DockConfig, Pose2
+from rodeo.lab.config import DockConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import Rectangle, facing, seen_from
 from rodeo.lab.layout import (
     ITEM_RADIUS_M,
@@ -32,7 +32,7 @@ from rodeo.site.faults import ONE_HOST, faults, placed
 from rodeo.site.file import ANSWER_WALL_S
 from rodeo.site.names import BRIDGE, ORACLE, bridge_wallets
 from rodeo.site.providers import SIM, unprovided
-from rodeo.site.sections import STAKE_COVERS
+from rodeo.site.sections import STAKE_COVERS, interface_of
 from rodeo.site.tls import openness
 from rodeo.text.site_problems import Place, close, dotted, explained
 from rodeo_cli.toml_lines import lines_of
@@ -88,7 +88,8 @@ def check(path: Path) -> list[Finding]:
         site = Site(**tables)
     except ValidationError as error:
         return [finding("error", place, text) for place, text in explained(error, Site).items()]
-    if wrong := faults(site) | dict(_lacking(site)) | dict(_cameras(site)) | dict(_meters(site)):
+    refused = (faults(site), _lacking(site), _cameras(site), _meters(site), _models(site))
+    if wrong := {place: text for found in refused for place, text in dict(found).items()}:
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
@@ -109,6 +110,24 @@ def check(path: Path) -> list[Finding]:
             *_coarse_meters(site),
         )
     ]
+
+
+def _models(site: Site) -> Iterator[tuple[Place, str]]:
+    """Where a robot's own model, or its postures, are those of no arm that we can move."""
+    usual = PosturesConfig()
+    own = [one for one in enumerate(site.robots) if one[1].kinematics or one[1].postures != usual]
+    for number, robot in own:
+        if not interface_of(robot).arm:
+            continue
+        from rodeo.robot.arm import Arm  # MuJoCo takes its time to load
+
+        try:
+            Arm(robot.limits, robot.kinematics, robot.postures)
+        except ConfigError as error:
+            posture = error.details.get("posture")
+            where: Place = ("postures", posture) if posture else ("kinematics",)
+            said = "; ".join(f"{name} {value}" for name, value in error.details.items() if name != "posture")
+            yield ("robots", number, *where), f"{error.message} ({said})" if said else error.message
 
 
 def _files(path: Path) -> Iterator[tuple[Path, dict[Place, int]]]:

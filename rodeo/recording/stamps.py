@@ -87,7 +87,7 @@ class StampCheck:
 
     @property
     def problem(self) -> str:
-        """Whose stamps are off by how much; "" where none are, or nobody knows yet."""
+        """Which stamps are off by how much; "" where none are, or nobody knows yet."""
         if (now_ns := self._monotonic_ns()) - self._looked_ns >= _LOOK_NS:
             self._looked_ns, self._found = now_ns, self._look(now_ns)
         return self._found

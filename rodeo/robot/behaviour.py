@@ -123,6 +123,10 @@ class Behaviour(ABC):
     begins from perception rather than from memory.
     """
 
+    needs_arm = True
+    """Whether a robot without an arm cannot do it. Work that only drives says False, and asks nothing of the
+    body that moves arm or fingers."""
+
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 

@@ -1,4 +1,4 @@
-"""A mobile manipulator: the `Body` of a base with an arm, two fingers and a camera at the wrist."""
+"""A base that drives, and a mobile manipulator: a base with an arm, two fingers and a camera at the wrist."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rodeo.robot.arm import (
     pointing_down,
 )
 from rodeo.robot.body import PATIENCE_S, Point, Point3
-from rodeo.robot.errors import Blocked, GraspFailed, MotionFailed
+from rodeo.robot.errors import Blocked, GraspFailed, MotionFailed, Unreachable
 from rodeo.robot.memory import Held, Memory
 from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import Sighting, View
@@ -61,14 +61,12 @@ _PLACE_LOW_M = 0.02
 _RETREAT_M = 0.08
 
 
-class MobileManipulator:
-    """Implements `rodeo.robot.body.Body`. One thread."""
+class Driving:
+    """What of `rodeo.robot.body.Body` needs no arm. One thread."""
 
     def __init__(
         self,
         body: RosBody,
-        arm: Arm,
-        camera: WristCamera,
         floor: Floor,
         memory: Memory,
         clock: Clock,
@@ -77,17 +75,11 @@ class MobileManipulator:
     ) -> None:
         """`chance` decides where the robot makes way; `stop` ends `wait`."""
         self._body = body
-        self._arm = arm
-        self._camera = camera
         self._floor = floor
         self._memory = memory
         self._clock = clock
         self._chance = chance
         self._stop = stop
-        self._above_placed: Point3 | None = None
-        """Point in the base frame: to where the fingers go up from what was placed last."""
-
-    # -- the base --------------------------------------------------------------------------------------
 
     def here(self) -> Pose2:
         return self._body.base_pose()
@@ -159,6 +151,44 @@ class MobileManipulator:
             self._body.interrupts.check()
             if next_s >= until_s:
                 return
+
+
+class MobileBase(Driving):
+    """A robot without an arm: what has to be done with one before it drives is done."""
+
+    def fold(self) -> None:
+        """Nothing has to be folded."""
+
+    def carry(self) -> None:
+        """Nothing reaches out."""
+
+    def held(self) -> Held | None:
+        return None
+
+    def put_back(self, held: Held) -> None:
+        """Raises Unreachable: it is in no hand of this robot."""
+        raise Unreachable("the robot has no arm", item=held.item_id)
+
+
+class MobileManipulator(Driving):
+    """Implements `rodeo.robot.body.Body`. One thread."""
+
+    def __init__(
+        self,
+        body: RosBody,
+        arm: Arm,
+        camera: WristCamera,
+        floor: Floor,
+        memory: Memory,
+        clock: Clock,
+        chance: np.random.Generator,
+        stop: threading.Event,
+    ) -> None:
+        super().__init__(body, floor, memory, clock, chance, stop)
+        self._arm = arm
+        self._camera = camera
+        self._above_placed: Point3 | None = None
+        """Point in the base frame: to where the fingers go up from what was placed last."""
 
     # -- postures --------------------------------------------------------------------------------------
 

@@ -371,11 +371,13 @@ class RosBody:
             return Latest(node, name, topic.type, clock, interrupts, simulated, read, publishers)
 
         arm = self._arm_model = arm_model(robot.kinematics)
-        wanted = (*arm.joints, *arm.fingers)
+        wanted = (*arm.joints, *arm.fingers) if interface_of(robot).arm else ()
         most = COUNTS.limits(Limits().file_bytes)
         self._pace = Pace(node, site, robot, clock, wanted, most, offset)
 
         def gather(messages: list[Any]) -> tuple[Any, frozenset[int]]:
+            if not wanted:
+                return None, frozenset()
             found, used = readings.joints(messages, wanted)
             return _Said(_joints(found, arm), readings.without_effort(messages, arm.fingers)), used
 

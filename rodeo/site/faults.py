@@ -24,7 +24,15 @@ from rodeo.site.names import (
     tracked,
     votes_needed,
 )
-from rodeo.site.sections import MIN_VOTERS, AgentConfig, ChainConfig, ClockConfig, FromHour, RateConfig
+from rodeo.site.sections import (
+    MIN_VOTERS,
+    AgentConfig,
+    ChainConfig,
+    ClockConfig,
+    FromHour,
+    RateConfig,
+    interface_fault,
+)
 from rodeo.text.site_problems import Place, close
 
 _OWN_WALLETS = ("organization", ORACLE)
@@ -42,6 +50,7 @@ def faults(site: SiteFile) -> dict[Place, str]:
         _bridges,
         lambda one: minds.faults(one.robots, one.participants, one.clock.speed),
         lambda one: ros_names.faults(one.org, one.ros, one.robots, one.participants, [*one.bins, *one.docks]),
+        _interfaces,
         _motion_capture,
         _amounts,
         _governance,
@@ -169,6 +178,12 @@ ONE_HOST = (
     "post tasks and accept their proofs; give them to different [[bridges]]"
 )
 """What is wrong, or doubtful, with a site that has several bridges."""
+
+
+def _interfaces(site: SiteFile) -> Iterator[tuple[Place, str]]:
+    for number, robot in enumerate(site.robots):
+        if why := interface_fault(robot):
+            yield ("robots", number, "interface"), why
 
 
 def _motion_capture(site: SiteFile) -> Iterator[tuple[Place, str]]:

@@ -9,6 +9,7 @@ from rodeo.errors import ConfigError
 from rodeo.lab.config import gripper_body
 from rodeo.site.file import Part, SiteFile
 from rodeo.site.minds import job_beside
+from rodeo.site.sections import interface_of
 from rodeo.site.topics import BODY, NODE
 
 ORACLE = "oracle"
@@ -36,7 +37,8 @@ def dock_process(site: SiteFile, name: str) -> str:
 def tracked(site: SiteFile) -> list[str]:
     """Names of the bodies that motion capture follows."""
     robots = [robot.name for robot in site.robots]
-    grippers = [gripper_body(name) for name in robots] if site.lab.mocap_gripper else []
+    armed = [robot.name for robot in site.robots if interface_of(robot).arm]
+    grippers = [gripper_body(name) for name in armed] if site.lab.mocap_gripper else []
     return [*(item.id for item in site.items), *robots, *grippers]
 
 

@@ -198,6 +198,8 @@ class InterfaceConfig(_Table):
     gripper: Literal["gripper_command", "trajectory"] = "gripper_command"
     """`gripper_command`: `{ns}/gripper_controller/gripper_cmd`. `trajectory`: the controller of a trajectory,
     `{ns}/gripper_controller/follow_joint_trajectory`, which takes both fingers' positions and no force."""
+    arm: bool = True
+    """Whether it has an arm with two fingers. A robot without takes only work that needs none."""
     emergency_stop: Literal["set_bool", "husarion"] = "set_bool"
     """`set_bool`: `{ns}/emergency_stop`. `husarion`: the two triggers of Husarion's robots,
     `{ns}/hardware/e_stop_trigger` and `{ns}/hardware/e_stop_reset`."""
@@ -230,6 +232,18 @@ INSTEAD = (GRIPPER_TRAJECTORY, STOP_TRIGGER, STOP_RESET)
 def interface_of(robot: RobotConfig) -> InterfaceConfig:
     """What its driver offers."""
     return robot.interface if isinstance(robot, SiteRobot) else InterfaceConfig()
+
+
+def interface_fault(robot: RobotConfig) -> str:
+    """Why no driver of it can offer what its table says, as a sentence; empty if one can."""
+    offered = interface_of(robot)
+    if robot.body == "sim" and offered != InterfaceConfig():
+        return 'robot_sim moves it, with an arm and the table of keys: write body = "ros2", or no interface'
+    if not offered.arm and offered.gripper == "trajectory":
+        return "a robot without an arm has no gripper: leave one of the two out"
+    if not offered.arm and robot.kinematics is not None:
+        return "kinematics describes an arm, and this robot has none: leave one of the two out"
+    return ""
 
 
 class FromHour(_Table):

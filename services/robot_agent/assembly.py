@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 from rodeo.attempts.device import RobotDevice
 from rodeo.attempts.events import TaskEvents
@@ -18,9 +18,10 @@ from rodeo.recording.pace import LEAST_WORK_S
 from rodeo.robot.arm import Arm
 from rodeo.robot.behaviour import Behaviour, Robot
 from rodeo.robot.bin import SmartBin
+from rodeo.robot.body import Body
 from rodeo.robot.decisions import Decisions
 from rodeo.robot.interrupts import Interrupts
-from rodeo.robot.manipulator import MobileManipulator
+from rodeo.robot.manipulator import MobileBase, MobileManipulator
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
@@ -31,6 +32,7 @@ from rodeo.ros2 import types
 from rodeo.runtime.process import Process
 from rodeo.site import topics
 from rodeo.site.chance import generator
+from rodeo.site.sections import interface_of
 from services.robot_agent.acceptance import Acceptance
 from services.robot_agent.activity import Activity, Patience
 from services.robot_agent.agent import Agent, Charges, Senses, check_orders
@@ -38,7 +40,7 @@ from services.robot_agent.attempts import Attempts
 from services.robot_agent.charging import Charging
 from services.robot_agent.execution import Assignments, Execution, Records
 from services.robot_agent.idle import Idle
-from services.robot_agent.machine import Machine, Skills
+from services.robot_agent.machine import Machine, Skills, is_equipped
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers, Turns
 from services.robot_agent.participant import RobotParticipant
@@ -59,23 +61,25 @@ class _Parts(RobotDevice):
         site, robot, clock = self.site, self.robot, self.clock
         body = RosBody(self.node, site, robot, clock, interrupts, self.offset)
         floor, chance = Floor(site), generator(site, self.process.name, "explore")
-        memory = Memory(site, self.process.data_dir / "memory.json")
-        arm = Arm(robot.limits, robot.kinematics, robot.postures)
-        camera = WristCamera(self.make_node, robot, body, arm, clock)
-        stop = self.process.stop
-        hands = MobileManipulator(body, arm, camera, floor, memory, clock, chance, stop)
+        memory, stop = Memory(site, self.process.data_dir / "memory.json"), self.process.stop
+        hands: MobileBase | MobileManipulator = MobileBase(body, floor, memory, clock, chance, stop)
+        if interface_of(robot).arm:
+            arm = Arm(robot.limits, robot.kinematics, robot.postures)
+            camera = WristCamera(self.make_node, robot, body, arm, clock)
+            hands = MobileManipulator(body, arm, camera, floor, memory, clock, chance, stop)
         return Machine(robot, body, hands, floor, memory, interrupts, chance)
 
     def make_skills(self, machine: Machine, bins: dict[str, SmartBin], upkeep: Upkeep) -> Skills:
         """Raises KindError."""
         kinds, made = kinds_of(self.site), dict[str, Behaviour]()
         for name, kind in kinds.items():
-            if (behaviour := kind.load_behaviour()) is not None:
+            behaviour = kind.load_behaviour()
+            if behaviour is not None and is_equipped(self.robot, behaviour):
                 made[name] = behaviour(
                     Robot(
                         name=self.robot.name,
                         site=self.site,
-                        body=machine.hands,
+                        body=cast(Body, machine.hands),  # work that needs an arm is left out where none is
                         floor=machine.floor,
                         memory=machine.memory,
                         bins=bins,

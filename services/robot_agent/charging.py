@@ -20,7 +20,7 @@ from rodeo.host.clocked import ClockedEvent
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
-from rodeo.robot.manipulator import MobileManipulator
+from rodeo.robot.manipulator import Driving
 from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
 from rodeo.site.config import Site
@@ -55,7 +55,7 @@ class Charging:
         robot: str,
         dao: RobotParticipant,
         body: RosBody,
-        manipulator: MobileManipulator,
+        base: Driving,
         clock: Clock,
         receipts: Receipts,
         work: Collection[str],
@@ -67,7 +67,7 @@ class Charging:
         self._robot = robot
         self._dao = dao
         self._body = body
-        self._manipulator = manipulator
+        self._base = base
         self._clock = clock
         self._receipts = receipts
 
@@ -137,7 +137,7 @@ class Charging:
             return
         report(f"driving to {dock.name}", 0.0)
         self._receipts.begin(task)
-        self._manipulator.dock(dock)
+        self._base.dock(dock)
         soc_from = float(task.params["soc_from"])
         soc_target = float(task.params["soc_target"])
         begun: tuple[float, float] | None = None
@@ -155,18 +155,18 @@ class Charging:
                 break
             if battery.soc >= soc_target and self._dao.given(self._work):
                 break
-            if not battery.charging and self._manipulator.docked() != dock:
+            if not battery.charging and self._base.docked() != dock:
                 log.warning("lost the dock's contacts; docking again")
-                self._manipulator.dock(dock)
+                self._base.dock(dock)
             self._wait(wake)
         self.clear_the_dock(report)
 
     def clear_the_dock(self, report: Tell) -> None:
         """Make room for whoever charges next, if the robot stands on the contacts."""
-        if (dock := self._manipulator.docked()) is None:
+        if (dock := self._base.docked()) is None:
             return
         report("leaving the dock", 1.0)
-        self._manipulator.leave(dock_parking(dock))
+        self._base.leave(dock_parking(dock))
 
     def _wait(self, wake: ClockedEvent) -> None:
         """Wait until something happens on chain or it is time to look again."""

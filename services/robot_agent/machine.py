@@ -17,10 +17,11 @@ from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.robot.behaviour import Behaviour, Estimate
 from rodeo.robot.errors import MotionFailed, TaskFailed, Unreachable, WrongClock
 from rodeo.robot.interrupts import Interrupts
-from rodeo.robot.manipulator import MobileManipulator
+from rodeo.robot.manipulator import MobileBase, MobileManipulator
 from rodeo.robot.memory import Held, Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.ros_body import RosBody
+from rodeo.site.sections import interface_of
 from services.robot_agent.decision import require_time_for_work
 from services.robot_agent.upkeep import Upkeep
 
@@ -36,7 +37,7 @@ class Machine:
 
     config: RobotConfig
     body: RosBody
-    hands: MobileManipulator
+    hands: MobileBase | MobileManipulator
     floor: Floor
     memory: Memory
     interrupts: Interrupts
@@ -67,6 +68,11 @@ class Machine:
     def is_at_home(self) -> bool:
         home, here = self.config.pose, self.body.base_pose()
         return math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M
+
+
+def is_equipped(robot: RobotConfig, behaviour: type[Behaviour]) -> bool:
+    """Whether the robot has what the work moves."""
+    return interface_of(robot).arm or not behaviour.needs_arm
 
 
 class Skills:

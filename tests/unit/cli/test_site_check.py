@@ -129,6 +129,32 @@ WRONG = [
         'robots.0.working_hour: no such key; is "working_hours" meant?',
     ),
     (
+        robot('interface = { gripper = "trajectory" }'),
+        5,
+        "robots.0.interface: robot_sim moves it, with an arm and the table of keys: write "
+        'body = "ros2", or no interface',
+    ),
+    (
+        robot('body = "ros2"\ninterface = { arm = false, gripper = "trajectory" }'),
+        6,
+        "robots.0.interface: a robot without an arm has no gripper: leave one of the two out",
+    ),
+    (
+        robot('body = "ros2"\nkinematics = "site.toml"\ninterface = { arm = false }'),
+        7,
+        "robots.0.interface: kinematics describes an arm, and this robot has none: leave one of the two out",
+    ),
+    (
+        robot('interface = { griper = "trajectory" }'),
+        5,
+        'robots.0.interface.griper: no such key; is "gripper" meant?',
+    ),
+    (
+        robot("rates = { odom_hz = 20 }"),
+        5,
+        "robots.0.rates.odom_hz: write at least 50 Hz, not 20",
+    ),
+    (
         robot('timezone = "Europe/Berlim"'),
         5,
         "robots.0.timezone: there is no time zone 'Europe/Berlim'; they are named like \"Europe/Berlin\"; "
@@ -203,6 +229,17 @@ def test_what_no_site_can_be_is_named_with_its_line_and_refused(
         Site.load(tmp_path / "my.toml")
     place, _, why = sentence.partition(": ")
     assert refused.value.details["fields"][place] == why
+
+
+def test_postures_that_are_no_arms_and_a_model_without_one_are_errors(said: Said, tmp_path: Path) -> None:
+    (five,) = said(robot("postures = { ready_rad = [0.0, -0.6, 0.9, 1.1, 0.0] }"))
+    assert five.startswith(
+        "my.toml:5: error: robots.0.postures.ready_rad: a posture has one angle for each joint"
+    )
+    assert "angles 5" in five and "wrist_rotate" in five
+    (tmp_path / "cart.xml").write_text('<mujoco><worldbody><body name="base_link"/></worldbody></mujoco>')
+    (cart,) = said(robot('kinematics = "cart.xml"'))
+    assert cart.startswith("my.toml:5: error: robots.0.kinematics: not a usable robot")
 
 
 def test_walls_may_meet_each_other_and_the_labs_own_and_nothing_else(said: Said) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 
@@ -23,10 +24,13 @@ from rodeo.robot.behaviour import Behaviour, Estimate, Robot, Work
 from rodeo.robot.decisions import Decisions
 from rodeo.robot.errors import AgentError, MotionFailed, NoAnswer, NotFound, TaskFailed
 from rodeo.robot.interrupts import Interrupts
+from rodeo.robot.manipulator import MobileBase
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
 from rodeo.site.config import Site
+from rodeo.site.sections import InterfaceConfig, SiteRobot
+from rodeo_kinds.waste_disposal.behaviour import WasteDisposal
 from services.robot_agent.acceptance import Acceptance
 from services.robot_agent.activity import Patience
 from services.robot_agent.agent import Agent, Senses
@@ -34,7 +38,7 @@ from services.robot_agent.attempts import Attempts
 from services.robot_agent.decision import Situation
 from services.robot_agent.execution import Assignments, Execution, Records
 from services.robot_agent.idle import Idle
-from services.robot_agent.machine import Machine, Skills
+from services.robot_agent.machine import Machine, Skills, is_equipped
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers, Turns
 from services.robot_agent.participant import RobotParticipant
@@ -44,6 +48,7 @@ from tests.support.tasks import task
 from tests.unit.robot.fakes import KinematicBody, ManualClock, Notes, RayCamera, manipulator
 
 SITE = Site.load(LAB)
+PARKED = Pose2(x_m=1.4, y_m=1.3)
 PLACE = {"x_m": 5.5, "y_m": 3.0, "stay_s": 30.0}
 
 
@@ -58,6 +63,8 @@ class Params(BaseModel):
 
 class StandGuard(Behaviour):
     """Drives to a place and stays there for a while."""
+
+    needs_arm = False
 
     def weigh(self, task: Task | None, here: Pose2) -> Estimate:
         goal = here if task is None else self._goal(task)[0]
@@ -186,10 +193,14 @@ def kind(name: str) -> Any:
 class Mind:
     """A mind whose parts are real, but for chain, battery, store and the recording's file."""
 
-    def __init__(self, folder: Path, site: Site = SITE) -> None:
+    def __init__(self, folder: Path, site: Site = SITE, armed: bool = True) -> None:
         self.clock = ManualClock()
         self.body, memory = GuardedBody(site, self.clock), Memory(site, folder / "memory.json")
-        self.hands = manipulator(site, self.body, RayCamera(self.body), memory)
+        self.hands: Any = manipulator(site, self.body, RayCamera(self.body), memory)
+        if not armed:
+            body: Any = self.body
+            chance = np.random.default_rng(1)
+            self.hands = MobileBase(body, Floor(site), memory, self.clock, chance, threading.Event())
         self.dao, self.fit, stop = Dao(), Fit(), threading.Event()
         none: Any = None
         process: Any = SimpleNamespace(
@@ -274,6 +285,16 @@ def test_a_robot_that_drives_to_a_place_and_stays_has_done_its_task(mind: Mind, 
     assert mind.fit.took[0][0] == "guarding"
     journal = Journal.find(tmp_path / "tasks" / "7-1", mind.dao.assignment(guarding(7)))
     assert journal is not None and (journal.phase, journal.failure) == (Phase.SUBMITTED, None)
+
+
+def test_a_robot_without_an_arm_takes_what_needs_none_and_never_a_cleaning(tmp_path: Path) -> None:
+    robot = SiteRobot(name="cart", body="ros2", pose=PARKED, interface=InterfaceConfig(arm=False))
+    assert is_equipped(robot, StandGuard) and not is_equipped(robot, WasteDisposal)
+    assert is_equipped(SITE.robots[0], WasteDisposal)
+    mind = Mind(tmp_path, armed=False)
+    mind.dao.assigned = [guarding(7)]
+    mind.step()
+    assert (mind.dao.proofs, mind.body.drives) == ([7], [Pose2(x_m=5.5, y_m=3.0, yaw_rad=0.0)])
 
 
 def test_a_robot_offers_in_the_order_of_its_site_whatever_order_a_set_has(mind: Mind) -> None:
