@@ -5,7 +5,7 @@ a subscriber of the bus, for transactions that the bridge knows nothing of.
 `tx_throughput_*`: commands answered per second of one wallet that many callers use at once, over what web3.py
 reaches on the same node in the same run: signed one after the other, all sent, then all receipts waited for.
 `quorum_verdict_ms`: from the third of five oracles' votes on the bus to the payment, the median of VERDICTS.
-`index_10000_s`: from an empty database to 10,000 settled tasks, without the node.
+`index_10000_s`: from an empty database to 10,000 tasks that ended, without the node.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from pathlib import Path
 
 from eth_account import Account
 
+from bench import past
 from deploy import contracts
 from deploy.launcher import Launcher
 from rodeo.bus.messages import Vote
 from rodeo.bus.session import Bus
 from rodeo.chain.client import ChainClient
 from rodeo.chain.contracts import events
-from rodeo.chain.contracts.abi import Fault, Ruling
 from rodeo.chain.contracts.logs import Log
 from rodeo.chain.contracts.types import ZERO_ADDRESS
 from rodeo.chain.deployment import Deployment
@@ -212,31 +212,12 @@ def _verdicts_ms(site: Site, bus: Bus, names: Sequence[str]) -> Iterator[float]:
 
 
 def _index_from_nothing(tasks: int) -> float:
-    """Tasks of five transactions each, in blocks of one transaction."""
+    """Tasks of `past.history`, in blocks of one transaction."""
     someone, robot, manager = ("0x" + digit * 40 for digit in "123")
-    iec = 10**18
-    happened: list[list[events.Event]] = [
-        [
-            events.ServiceRegistered(1, robot, "waste_disposal", iec, True, ""),
-            events.Transfer(ZERO_ADDRESS, someone, tasks * iec),
-        ]
-    ]
+    minted = events.Transfer(ZERO_ADDRESS, someone, tasks * past.IEC)
+    happened = [[past.offered(robot), minted]]
     for number in range(1, tasks + 1):
-        proof = number.to_bytes(32)
-        happened += [
-            [
-                events.Transfer(someone, manager, iec),
-                events.TaskRegistered(number, someone, "waste_disposal", iec, 60, 60, 3, proof, "{}"),
-                events.TaskAssigned(number, 1, robot, 1, iec, proof, 10**9),
-            ],
-            [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap")],
-            [
-                events.Reported(number, "", "as it should be"),
-                events.Ruled(number, 1, proof, Ruling.ACCEPTED, Fault.NOBODY, iec, 0, proof),
-                events.TaskSettled(number, robot, iec, 0),
-                events.Transfer(manager, robot, iec),
-            ],
-        ]
+        happened += past.history(number, someone, robot, manager)
     logs = [
         TimedLog(Log(event, manager, block, f"0x{block:064x}", place, f"0x{block:064x}"), block)
         for block, in_block in enumerate(happened)

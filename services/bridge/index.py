@@ -98,12 +98,12 @@ class Index:
         currency: Currency = IEC,
     ) -> None:
         """`currency` is what the contracts pay with."""
-        self._currency, self._contracts = currency, dict(contracts)
+        self._currency, self.contracts = currency, dict(contracts)
         self._identity = {
             "version": schema.version(),
             "chain_id": chain_id,
             "genesis_hash": genesis_hash,
-            "contracts": self._contracts,
+            "contracts": self.contracts,
         }
         self.genesis_hash = genesis_hash
         self._url = url
@@ -218,7 +218,7 @@ class Index:
         with self._engine.begin() as connection:
             last = connection.scalar(_NEWEST_SEQ) or 0
             rows = Rows(self._engine, connection)
-            projection = Projection(rows, self._contracts, self._currency)
+            projection = Projection(rows, self.contracts, self._currency)
             projection.prepare(timed.log for timed in logs)
             for seq, timed in enumerate(logs, start=last + 1):
                 rows.block, rows.undoable = timed.log.block, timed.log.block > final
@@ -227,6 +227,7 @@ class Index:
             rows.write()
             if applied:
                 connection.execute(_ADD_EVENTS, [_event_row(event) for event in applied])
+                connection.execute(upsert(self._engine, schema.transactions), _transactions(applied))
             recent = {
                 one.log.block: (one.log.block_hash, one.time_s) for one in logs if one.log.block > final
             }
@@ -275,7 +276,9 @@ class Index:
             else:
                 roll_back(self._engine, connection, position.block)
             connection.execute(delete(schema.blocks).where(schema.blocks.c.number > position.block))
-            connection.execute(delete(schema.receipts))
+            connection.execute(
+                delete(schema.transactions).where(schema.transactions.c.block > position.block)
+            )
             connection.execute(_MOVE_CURSOR, _at(position))
         self._position = position
         return notices
@@ -362,6 +365,16 @@ def _args(log: Log, currency: Currency) -> dict[str, Any]:
 
 def _event_row(event: DaoEvent, undone: bool = False) -> Row:
     return {**{name: getattr(event, name) for name in _OF_EVENT}, "undone": undone}
+
+
+def _transactions(applied: Sequence[DaoEvent]) -> list[Row]:
+    """A row for each of the events' transactions, whose receipts are not known yet."""
+    last = {one.tx_hash: one for one in applied}
+    unknown: Row = dict.fromkeys(("sender", "gas_used", "gas_price"))
+    return [
+        {name: getattr(one, name) for name in ("tx_hash", "seq", "block", "time_s")} | unknown
+        for one in last.values()
+    ]
 
 
 def _at(position: Position) -> Row:

@@ -252,7 +252,7 @@ class Queries:
         wanted = validate(TransactionFilters, request.parameters)
         page = Page(wanted.limit, wanted.offset)
         rows, total = self._index.money.transactions(wanted.task_id, page)
-        if missing := [row["tx_hash"] for row in rows if row["receipt"] is None]:
+        if missing := [row["tx_hash"] for row in rows if row["sender"] is None]:
             self._index.money.keep_receipts(self._receipts(missing))
             rows, total = self._index.money.transactions(wanted.task_id, page)
         return {"transactions": [transaction_json(row, self._names) for row in rows], "total": total}
@@ -263,7 +263,6 @@ class Queries:
         return [
             {
                 "tx_hash": receipt["transactionHash"],
-                "block_hash": receipt["blockHash"],
                 "sender": self._names.address(receipt["from"]),
                 "gas_used": int(receipt["gasUsed"], 16),
                 "gas_price": int(receipt["effectiveGasPrice"], 16),
@@ -382,15 +381,14 @@ def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
 
 def transaction_json(row: Mapping[str, Any], names: Names) -> Json:
     """`rodeo.bus.queries.Transaction`."""
-    receipt = row["receipt"]
     cost: Json = dict.fromkeys(("sender", "sender_name", "gas_used", "gas_price_wei", "fee_wei"))
-    if receipt is not None:
+    if row["sender"] is not None:
         cost = {
-            "sender": receipt["sender"],
-            "sender_name": names.key_name(receipt["sender"]),
-            "gas_used": receipt["gas_used"],
-            "gas_price_wei": str(receipt["gas_price"]),
-            "fee_wei": str(receipt["gas_used"] * receipt["gas_price"]),
+            "sender": row["sender"],
+            "sender_name": names.key_name(row["sender"]),
+            "gas_used": row["gas_used"],
+            "gas_price_wei": str(row["gas_price"]),
+            "fee_wei": str(row["gas_used"] * row["gas_price"]),
         }
     return {key: row[key] for key in ("tx_hash", "block", "time_s", "events", "task_ids")} | cost
 
@@ -399,7 +397,6 @@ _KEPT_OF_SERVICE = ("number", "waits_as_proven")
 """Columns of a service that no answer has."""
 
 _KEPT_OF_TASK = (
-    "text",
     "opened",
     "ended",
     "number",

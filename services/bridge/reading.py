@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from sqlalchemy import Engine, Select, bindparam, case, func, null, or_, select
+from sqlalchemy import Engine, Select, Table, and_, bindparam, case, func, or_, select, union, update
 
 from rodeo.bus.messages import LIVE_STATES, Ruling
 from rodeo.chain.artifacts import ORACLES
 from services.bridge import schema
-from services.bridge.database import upsert
 
 Row = dict[str, Any]
 
@@ -23,7 +23,14 @@ _EXECUTION_END = case(
     else_=schema.tasks.c.execution_deadline,
 )
 """Time (s) after which anybody may expire an assigned task. An attempt that nobody accepted ends earlier."""
+EVER_S = 0, 2**48
+"""Times (s) that leave nothing out."""
 _BALANCE = select(schema.balances.c.balance).where(schema.balances.c.address == bindparam("address"))
+_KEEP_RECEIPT = (
+    update(schema.transactions)
+    .where(schema.transactions.c.tx_hash == bindparam("of"))
+    .values({name: bindparam(name) for name in ("sender", "gas_used", "gas_price")})
+)
 
 
 @dataclass(frozen=True)
@@ -38,9 +45,17 @@ class Reader:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
 
-    def page(self, query: Select[Any], page: Page) -> tuple[list[Row], int]:
-        total = self.scalar(select(func.count()).select_from(query.order_by(None).subquery()))
-        return self.rows(query.limit(page.limit).offset(page.offset)), int(total or 0)
+    def page(self, table: Table, conditions: Sequence[Any], page: Page, *order: Any) -> tuple[list[Row], int]:
+        """The rows of one page, and how many there are in all."""
+        # Keys are chosen in an index, and then few rows are read: those of tasks are long.
+        keys = [*table.primary_key]
+        chosen = select(*keys).where(*conditions).order_by(*order).limit(page.limit).offset(page.offset)
+        wanted = chosen.subquery()
+        of = and_(*(one == wanted.c[one.name] for one in keys))
+        return self.rows(select(table).join(wanted, of).order_by(*order)), self.count(table, conditions)
+
+    def count(self, table: Table, conditions: Sequence[Any]) -> int:
+        return int(self.scalar(select(func.count()).select_from(table).where(*conditions)) or 0)
 
     def first(self, query: Select[Any]) -> Row | None:
         rows = self.rows(query)
@@ -73,9 +88,11 @@ class Tasks(Reader):
         if states:
             conditions.append(tasks.state.in_(states))
         if text:
-            conditions.append(tasks.text.contains(text.lower(), autoescape=True))
+            texts = schema.texts.c
+            found = select(texts.task_id).where(texts.text.contains(text.lower(), autoescape=True))
+            conditions.append(tasks.id.in_(found))
         order = tasks.id.desc() if newest_first else tasks.id
-        return self.page(select(schema.tasks).where(*conditions).order_by(order), page)
+        return self.page(schema.tasks, conditions, page, order)
 
     def get(self, task_id: int) -> Row | None:
         return self.first(select(schema.tasks).where(schema.tasks.c.id == task_id))
@@ -178,27 +195,19 @@ class Tasks(Reader):
         return counts
 
     def recent_voids(self, last: int) -> dict[str | None, tuple[int, dict[str, int]]]:
-        """Creator, None for all -> how many of its last tasks ended by a ruling, at most `last`, and whose
-        doing -> how many of them ended void."""
+        """Creator of a task that ended void, None for all -> how many of its last tasks ended by a ruling, at
+        most `last`, and whose doing -> how many of them ended void."""
         tasks = schema.tasks.c
-        ended = tasks.verdict.in_(get_args(Ruling)) & tasks.ended.is_not(None)
-        order = (tasks.ended.desc(), tasks.id.desc())
+        # An expression, as the index of verdicts would find all tasks that ended, in no order.
+        ruled = (func.coalesce(tasks.verdict, "").in_(get_args(Ruling)), tasks.ended.is_not(None))
         counts: dict[str | None, tuple[int, dict[str, int]]] = {}
-        for parted, creator in ((tasks.creator, tasks.creator), (None, null())):
-            number = func.row_number().over(partition_by=parted, order_by=order).label("number")
-            newest = (
-                select(creator.label("creator"), tasks.verdict, tasks.fault, number).where(ended).subquery()
-            )
-            of = newest.c
-            for row in self.rows(
-                select(of.creator, of.verdict, of.fault, func.count().label("tasks"))
-                .where(of.number <= last)
-                .group_by(of.creator, of.verdict, of.fault)
-            ):
-                rulings, voids = counts.get(row["creator"], (0, {}))
-                if row["verdict"] == "void":
-                    voids[row["fault"]] = voids.get(row["fault"], 0) + row["tasks"]
-                counts[row["creator"]] = rulings + row["tasks"], voids
+        for creator in (None, *self.voids()):
+            of = [] if creator is None else [tasks.creator == creator]
+            newest = select(tasks.verdict, tasks.fault).where(*of, *ruled)
+            rows = self.rows(newest.order_by(tasks.ended.desc(), tasks.id.desc()).limit(last))
+            if rows:
+                faults = Counter(row["fault"] for row in rows if row["verdict"] == "void")
+                counts[creator] = len(rows), dict(faults)
         return counts
 
 
@@ -207,7 +216,7 @@ class Services(Reader):
 
     def find(self, filters: Mapping[str, Any], page: Page) -> tuple[list[Row], int]:
         conditions = [schema.services.c[name] == value for name, value in filters.items()]
-        return self.page(select(schema.services).where(*conditions).order_by(schema.services.c.id), page)
+        return self.page(schema.services, conditions, page, schema.services.c.id)
 
     def get(self, service_id: int) -> Row | None:
         return self.first(select(schema.services).where(schema.services.c.id == service_id))
@@ -325,8 +334,7 @@ class Rules(Reader):
         """What was fixed of days, the newest first."""
         roots = schema.roots.c
         conditions = [] if device is None else [roots.device == device]
-        query = select(schema.roots).where(*conditions).order_by(roots.day.desc(), roots.device)
-        return self.page(query, page)
+        return self.page(schema.roots, conditions, page, roots.day.desc(), roots.device)
 
 
 class Votes(Reader):
@@ -335,8 +343,9 @@ class Votes(Reader):
     def proposals(self, page: Page) -> tuple[list[Row], int]:
         """The newest first, each with its `ballots`."""
         proposals = schema.proposals.c
-        made = select(schema.proposals).where(proposals.number.is_not(None))
-        rows, total = self.page(made.order_by(proposals.number.desc()), page)
+        rows, total = self.page(
+            schema.proposals, [proposals.number.is_not(None)], page, proposals.number.desc()
+        )
         cast = self.rows(
             select(schema.ballots).where(schema.ballots.c.proposal.in_([row["id"] for row in rows]))
         )
@@ -355,7 +364,7 @@ class Votes(Reader):
         """The newest first, or the one with this number, each with its `ballots`."""
         table, ballots = schema.budget_votes, schema.budget_ballots
         conditions = [] if number is None else [table.c.number == number]
-        rows, total = self.page(select(table).where(*conditions).order_by(table.c.number.desc()), page)
+        rows, total = self.page(table, conditions, page, table.c.number.desc())
         numbers = [row["number"] for row in rows]
         cast = self.rows(select(ballots).where(ballots.c.budget_vote.in_(numbers)).order_by(ballots.c.voter))
         return [
@@ -385,54 +394,37 @@ class Money(Reader):
     ) -> tuple[list[Row], int]:
         """What went to or from `account`, the newest first."""
         transfers = schema.transfers.c
-        conditions: list[Any] = [transfers.time_s.between(first_s, last_s)]
-        if account is not None:
-            conditions.append(or_(transfers.sender == account, transfers.to == account))
-        if task_id is not None:
-            conditions.append(transfers.task_id == task_id)
-        query = select(schema.transfers).where(*conditions).order_by(transfers.seq.desc())
-        return self.page(query, page)
+        conditions: list[Any] = [] if task_id is None else [transfers.task_id == task_id]
+        if (first_s, last_s) != EVER_S:
+            conditions.append(transfers.time_s.between(first_s, last_s))
+        newest = transfers.seq.desc()
+        if account is None:
+            return self.page(schema.transfers, conditions, page, newest)
+        sent, received = [*conditions, transfers.sender == account], [*conditions, transfers.to == account]
+        # Each of both has an index in which they lie in order.
+        most = page.limit + page.offset
+        either = [select(transfers.seq).where(*one).order_by(newest).limit(most) for one in (sent, received)]
+        found = [select(one.subquery().c.seq) for one in either]
+        rows, _ = self.page(schema.transfers, [transfers.seq.in_(union(*found))], page, newest)
+        both = self.count(schema.transfers, [*sent, transfers.to == account])
+        return rows, self.count(schema.transfers, sent) + self.count(schema.transfers, received) - both
 
     def transactions(self, task_id: int | None, page: Page) -> tuple[list[Row], int]:
         """Transactions with events of the contracts, the newest first, with their receipts where known."""
-        events = schema.events.c
-        conditions = [~events.undone]
-        if task_id is not None:
-            conditions.append(events.task_id == task_id)
-        newest = func.max(events.seq).label("seq")
-        query = (
-            select(
-                events.tx_hash,
-                func.max(events.block).label("block"),
-                func.max(events.time_s).label("time_s"),
-                newest,
-            )
-            .where(*conditions)
-            .group_by(events.tx_hash)
-            .order_by(newest.desc())
-        )
-        rows, total = self.page(query, page)
-        hashes = [row["tx_hash"] for row in rows]
-        details: dict[str, Row] = {tx_hash: {"events": [], "task_ids": []} for tx_hash in hashes}
-        for row in self.rows(
-            select(events.tx_hash, events.name, events.task_id)
-            .where(events.tx_hash.in_(hashes), ~events.undone)
-            .order_by(events.seq)
-        ):
-            details[row["tx_hash"]]["events"].append(row["name"])
-            if row["task_id"] is not None and row["task_id"] not in details[row["tx_hash"]]["task_ids"]:
-                details[row["tx_hash"]]["task_ids"].append(row["task_id"])
-        receipts = {
-            row["tx_hash"]: row
-            for row in self.rows(select(schema.receipts).where(schema.receipts.c.tx_hash.in_(hashes)))
-        }
-        return [
-            {**row, **details[row["tx_hash"]], "receipt": receipts.get(row["tx_hash"])} for row in rows
-        ], total
+        events, transactions = schema.events.c, schema.transactions.c
+        about = select(events.tx_hash).where(events.task_id == task_id)
+        conditions = [] if task_id is None else [transactions.tx_hash.in_(about)]
+        rows, total = self.page(schema.transactions, conditions, page, transactions.seq.desc())
+        told: dict[str, Row] = {row["tx_hash"]: {"events": [], "task_ids": []} for row in rows}
+        named = select(events.tx_hash, events.name, events.task_id)
+        for row in self.rows(named.where(events.tx_hash.in_(told), ~events.undone).order_by(events.seq)):
+            told[row["tx_hash"]]["events"].append(row["name"])
+            if row["task_id"] is not None and row["task_id"] not in told[row["tx_hash"]]["task_ids"]:
+                told[row["tx_hash"]]["task_ids"].append(row["task_id"])
+        return [row | told[row["tx_hash"]] for row in rows], total
 
     def keep_receipts(self, receipts: Iterable[Row]) -> None:
         """Remember what transactions cost."""
-        rows = list(receipts)
-        if rows:
+        if rows := [{**one, "of": one.pop("tx_hash")} for one in map(dict, receipts)]:
             with self.engine.begin() as connection:
-                connection.execute(upsert(self.engine, schema.receipts), rows)
+                connection.execute(_KEEP_RECEIPT, rows)

@@ -23,7 +23,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-_CONTENT = 9
+_CONTENT = 10
 """Raise this when the same events write other rows than before. Changes of the tables need no raise."""
 
 metadata = MetaData()
@@ -115,8 +115,8 @@ tasks = Table(
     Column("state", String(16), nullable=False),
     Column("attempt", Integer, nullable=False),
     Column("max_attempts", Integer, nullable=False),
-    Column("creator", String(42), nullable=False, index=True),
-    Column("executor", String(42), index=True),
+    Column("creator", String(42), nullable=False),
+    Column("executor", String(42)),
     Column("service_id", BigInteger),
     Column("requested_service_id", BigInteger, doc="the only service that may do it; null where any may"),
     Column("requested_provider", String(42), doc="the only provider that may do it; null where any may"),
@@ -126,7 +126,6 @@ tasks = Table(
     Column("refunded", Wei, nullable=False, doc="what the creator has back of the reward"),
     Column("params", JSON, nullable=False),
     Column("description", Written, nullable=False),
-    Column("text", Written, nullable=False, doc="lower case; what a search looks through"),
     Column("registered", Float, nullable=False),
     Column("opened", Float, nullable=False, doc="since when it waits, or waited last"),
     Column("accepted", Boolean, doc="the executor of the running attempt agreed to it"),
@@ -163,7 +162,22 @@ tasks = Table(
     Column("passed_on", Boolean, nullable=False, doc="the judge of the last proof could not decide"),
     Column("set_aside", Wei, nullable=False, doc="of the executor's bond, until the case ends"),
     Column("dispute", JSON, doc="how its last ruling can be or was challenged: rodeo.bus.messages.Dispute"),
-    Index("tasks_by_state_and_kind", "state", "kind"),
+    # Answers that count all tasks, or choose among them, read these alone, and then few rows.
+    Index("tasks_by_state", "state", "id"),
+    Index("tasks_by_kind", "kind", "state", "id"),
+    Index("tasks_by_creator", "creator", "state", "id"),
+    Index("tasks_by_executor", "executor", "state", "id"),
+    Index("tasks_by_end", "ended", "id"),
+    Index("tasks_by_creator_and_end", "creator", "ended", "id"),
+    Index("tasks_by_verdict", "verdict", "creator", "fault"),
+)
+
+texts = Table(
+    "texts",
+    metadata,
+    Column("task_id", BigInteger, primary_key=True, autoincrement=False),
+    Column("text", Written, nullable=False, doc="lower case"),
+    comment="what a search for tasks looks through: all of it, so that it lies apart from what is long",
 )
 
 services = Table(
@@ -404,24 +418,29 @@ transfers = Table(
     Column("block", BigInteger, nullable=False),
     Column("time_s", BigInteger, nullable=False),
     Column("tx_hash", String(66), nullable=False),
-    Column("sender", String(42), nullable=False, index=True),
-    Column("to", String(42), nullable=False, index=True),
+    Column("sender", String(42), nullable=False),
+    Column("to", String(42), nullable=False),
     Column("amount", Wei, nullable=False),
     Column("sender_balance", Wei, doc="after it; null for the mint"),
     Column("to_balance", Wei),
     Column("task_id", BigInteger, index=True),
     Column("reason", String(16), nullable=False),
+    Index("transfers_by_sender", "sender", "seq"),
+    Index("transfers_by_receiver", "to", "seq"),
+    Index("transfers_by_both", "sender", "to"),
 )
 
-receipts = Table(
-    "receipts",
+transactions = Table(
+    "transactions",
     metadata,
     Column("tx_hash", String(66), primary_key=True),
-    Column("block_hash", String(66), nullable=False),
-    Column("sender", String(42), nullable=False),
-    Column("gas_used", BigInteger, nullable=False),
-    Column("gas_price", Wei, nullable=False, doc="wei per gas, paid"),
-    comment="of transactions that somebody asked for",
+    Column("seq", BigInteger, nullable=False, index=True, doc="of its last event"),
+    Column("block", BigInteger, nullable=False, index=True),
+    Column("time_s", BigInteger, nullable=False),
+    Column("sender", String(42), doc="null, as are the others, until somebody has asked for its receipt"),
+    Column("gas_used", BigInteger),
+    Column("gas_price", Wei, doc="wei per gas, paid"),
+    comment="with events of the contracts",
 )
 
 

@@ -84,10 +84,10 @@ class Tasks:
             rules_sha256=hex_of(event.rules) if any(event.rules) else None,
             params=params,
             description=description,
-            text=event.params.lower(),
             registered=at.time_s,
             opened=at.time_s,
         )
+        self._rows.add(schema.texts, task_id=event.task_id, text=event.params.lower())
 
     def _assigned(self, event: events.TaskAssigned, at: At) -> None:
         self._change(

@@ -127,7 +127,7 @@ def test_the_index_of_another_chain_or_deployment_is_emptied(
     "ddl",
     [
         "alter table tasks add column colour text",
-        "drop index tasks_by_state_and_kind",
+        "drop index tasks_by_kind",
         "alter table services drop column penalty",
     ],
 )
