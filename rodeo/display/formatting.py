@@ -253,7 +253,7 @@ def quorum_in_words(kind: KindRules) -> str:
 
 
 def windows_in_words(kind: KindRules) -> str:
-    """10 min 0 s to 7 d 0 h to work, 3 min 0 s of them to give it back; empty where nobody has set them."""
+    """10 min to 7 d to work, 3 min of them to give it back; empty where nobody has set them."""
     if not kind.max_window_s:
         return ""
     windows = f"{span(kind.min_window_s)} to {span(kind.max_window_s)} to work"
@@ -304,13 +304,10 @@ def passed_in_words(task: Task) -> str:
 
 
 def span(seconds: float | None) -> str:
-    """A length of time as people read it: 2 h 5 min, 3 min 20 s, 12 s"""
+    """A length of time as people read it: 7 d, 2 h 5 min, 3 min 20 s, 12 s"""
     if seconds is None:
         return ""
     whole = max(0, round(seconds))
-    days, hours, minutes = whole // 86400, whole // 3600 % 24, whole // 60 % 60
-    if days:
-        return f"{days} d {hours} h"
-    if hours:
-        return f"{hours} h {minutes} min"
-    return f"{minutes} min {whole % 60} s" if minutes else f"{whole} s"
+    parts = [(whole // 86400, "d"), (whole // 3600 % 24, "h"), (whole // 60 % 60, "min"), (whole % 60, "s")]
+    first = next((place for place, (number, _) in enumerate(parts) if number), -1)
+    return " ".join(f"{number} {unit}" for number, unit in parts[first:][:2] if number) or "0 s"

@@ -81,7 +81,7 @@ def test_the_rules_of_the_site_file_are_the_installed_ones(
         ({"judge": OTHER[:42]}, f"judged by the contract {OTHER[:42]}"),
         (
             {"judge": "oracle", "audit_window_s": 3600},
-            "the oracle; 1 h 0 min more for auditors, where the judge",
+            "the oracle; 1 h more for auditors, where the judge",
         ),
         ({"judge": "oracle", "allowed": False}, "not accepted"),
     ],

@@ -16,11 +16,11 @@ FUTURE_S = time.time() + 3600
     [
         (
             3.0,
-            "3 min 0 s of site time left, 1 min 0 s on the wall clock "
+            "3 min of site time left, 1 min on the wall clock "
             "at the present speed (3 times real time)",
         ),
-        (1.0, "3 min 0 s left"),
-        (0.0, "3 min 0 s of site time left; the site's clock is stopped"),
+        (1.0, "3 min left"),
+        (0.0, "3 min of site time left; the site's clock is stopped"),
     ],
 )
 def test_both_times_are_told_where_they_differ(speed: float, told: str) -> None:

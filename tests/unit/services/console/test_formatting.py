@@ -88,5 +88,5 @@ def test_a_kinds_windows_read_as_times_and_nothing_where_nobody_set_them() -> No
         grace_s=180,
         audit_window_s=0,
     )
-    assert windows_in_words(rules) == "10 min 0 s to 2 h 0 min to work, the first 3 min 0 s to give it back"
+    assert windows_in_words(rules) == "10 min to 2 h to work, the first 3 min to give it back"
     assert windows_in_words(rules.model_copy(update={"max_window_s": 0})) == ""

@@ -44,7 +44,7 @@ def test_a_call_is_told_in_the_words_of_its_command(
     ("by", "delay_s", "words"),
     [
         ("administrator", 0, "nothing is proposed"),
-        ("administrator", 3600, "An administrator proposes, and 1 h 0 min later"),
+        ("administrator", 3600, "An administrator proposes, and 1 h later"),
         ("vote", 3600, "Members propose and vote"),
     ],
 )
