@@ -13,18 +13,15 @@ from fastapi.responses import FileResponse, JSONResponse, Response
 
 from rodeo.bus import queries
 from rodeo.display.earnings import as_csv
-from rodeo.errors import RodeoError
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console
-from services.console.rest import status_of
+from services.console.queries import pages
 from services.console.solids import solids
-
-_PAGE = 500
 
 
 def router(console: Console) -> APIRouter:
     """GET /files/proof/<task>?attempt=<number>, /files/transfers.csv?account=<name>, /files/earnings.csv and
-    /files/lab.json (`solids`)."""
+    /files/lab.json (`solids`). They raise RodeoError."""
     routes = APIRouter(include_in_schema=False)
 
     def folder() -> Iterator[Path]:
@@ -33,48 +30,28 @@ def router(console: Console) -> APIRouter:
 
     @routes.get("/files/proof/{task_id}")
     def proof(task_id: int, folder: Annotated[Path, Depends(folder)], attempt: int | None = None) -> Response:
-        try:
-            copy = console.queries.proof(console.queries.evidence(task_id, attempt), folder)
-        except RodeoError as error:
-            return JSONResponse(error.to_json(), status_of(error))
+        copy = console.queries.proof(console.queries.evidence(task_id, attempt), folder)
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")
 
     drawn = cache(partial(solids, console.site))
 
     @routes.get("/files/lab.json")
     def lab() -> Response:
-        try:
-            return JSONResponse(drawn(), headers={"Cache-Control": "private, max-age=3600"})
-        except RodeoError as error:
-            return JSONResponse(error.to_json(), status_of(error))
+        return JSONResponse(drawn(), headers={"Cache-Control": "private, max-age=3600"})
 
     @routes.get("/files/transfers.csv")
     def transfers(account: str) -> Response:
-        try:
-            found = list(_transfers(console, account))
-        except RodeoError as error:
-            return JSONResponse(error.to_json(), status_of(error))
-        headers = {"Content-Disposition": 'attachment; filename="transfers.csv"'}
-        return Response(transfers_csv(found), media_type="text/csv", headers=headers)
+        asked = partial(console.queries.ask, queries.TRANSFERS, account=account, limit=queries.MAX_PAGE)
+        found = pages(lambda offset: asked(offset=offset).transfers)
+        return _csv("transfers", transfers_csv(one for page in found for one in page))
 
     @routes.get("/files/earnings.csv")
     def earnings() -> Response:
-        try:
-            found = as_csv(console.queries.earnings())
-        except RodeoError as error:
-            return JSONResponse(error.to_json(), status_of(error))
-        headers = {"Content-Disposition": 'attachment; filename="earnings.csv"'}
-        return Response(found, media_type="text/csv", headers=headers)
+        return _csv("earnings", as_csv(console.queries.earnings()))
 
     return routes
 
 
-def _transfers(console: Console, account: str) -> Iterator[queries.Transfer]:
-    """All transfers of the account, newest first, asked page by page."""
-    offset = 0
-    while True:
-        page = console.queries.ask(queries.TRANSFERS, account=account, limit=_PAGE, offset=offset).transfers
-        yield from page
-        offset += len(page)
-        if len(page) < _PAGE:
-            return
+def _csv(name: str, text: str) -> Response:
+    headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
+    return Response(text, media_type="text/csv", headers=headers)

@@ -81,11 +81,7 @@ class Guard:
     """
 
     def __init__(
-        self,
-        app: ASGIApp,
-        accounts: Accounts,
-        origins: set[str],
-        owner: Callable[[str], str | None],
+        self, app: ASGIApp, accounts: Accounts, origins: set[str], owner: Callable[[str], str | None]
     ) -> None:
         sizes = (MAX_BODY_BYTES, MAX_API_BODY_BYTES, MAX_LOGIN_BODY_BYTES)
         self._limited = {size: LimitBody(app, size) for size in sizes}

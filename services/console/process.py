@@ -17,10 +17,13 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import Client, ui
 from nicegui import app as nicegui_app
+from starlette.requests import Request
+from starlette.responses import JSONResponse
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from rodeo.access.accounts import Accounts, accounts_path
+from rodeo.errors import RodeoError
 from rodeo.host.http import Limits, configuration, health, listen
 from rodeo.kinds import kinds_of
 from rodeo.runtime.process import Process
@@ -46,6 +49,8 @@ from services.console.pages import (
 from services.console.pages.frame import Console
 from services.console.queries import Queries
 
+PAGES = (overview, tasks, task, services, replay, treasury, proposals, work, operator, accounts_page, missing)
+
 log = logging.getLogger(__name__)
 
 STATIC = Path(__file__).parent / "static"
@@ -61,24 +66,13 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     guard = Guard(api, console.accounts, origins, _owner)
     api.include_router(login.router(console.accounts, guard, console.site.org))
     api.include_router(files.router(console))
+    api.add_exception_handler(RodeoError, _refuse)
     api.router.routes.extend(health(lambda: ""))  # it serves pages from the moment when it is ready
     programs = rest.make_api(console)
     api.mount("/api", programs)
     api.router.routes.append(api_page.route(programs))
     api.mount("/static", StaticFiles(directory=STATIC))
-    for module in (
-        overview,
-        tasks,
-        task,
-        services,
-        replay,
-        treasury,
-        proposals,
-        work,
-        operator,
-        accounts_page,
-        missing,
-    ):
+    for module in PAGES:
         module.register(console)
     nicegui_app.colors(
         primary="#0f6d5f", positive="#1a7f4b", negative="#b3261e", warning="#8a5a00", info="#1f5fa8"
@@ -98,6 +92,11 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     # No polling: the guard checks sessions on the websocket.
     nicegui_app.config.socket_io_js_transports = ["websocket"]
     return guard
+
+
+async def _refuse(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RodeoError)
+    return JSONResponse(error.to_json(), rest.status_of(error))
 
 
 def _owner(client_id: str) -> str | None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,6 +65,8 @@ class Queries:
         self._earnings_chain = ""
         self._transactions: dict[str, queries.Transaction] = {}
         """By hash, of that chain: transactions that `earnings` has queried already."""
+        self._since_s = math.inf
+        """Block time since which it has."""
 
     def ask(self, query: Query[A], **parameters: Any) -> A:
         """The bridge's answer; parameters that are None are left out."""
@@ -79,22 +83,27 @@ class Queries:
         answer = self.ask(queries.TASKS, limit=limit, offset=offset, **filters)
         return answer.tasks, answer.total
 
-    def earnings(self) -> list[Line]:
-        """What everybody earned and spent, by week and kind of work. Asks for what is new since last time."""
+    def earnings(self, most_tasks: int | None = None) -> list[Line]:
+        """What everybody earned and spent by all tasks or the newest, by week and kind of work. Asks for what
+        transactions are new since last time."""
         with self._earnings_lock:
             chain = self.ask(queries.CHAIN).genesis_hash
             if chain != self._earnings_chain:
-                self._earnings_chain, self._transactions = chain, {}
+                self._earnings_chain, self._transactions, self._since_s = chain, {}, math.inf
+            found = pages(lambda at: self.tasks(_PAGE_TASKS, at)[0])
+            tasks = [*islice((one for page in found for one in page), most_tasks)]
+            first_s = min((one.registered for one in tasks), default=0.0) if most_tasks else 0.0
             new: dict[str, queries.Transaction] = {}
-            for page in _pages(self._transactions_page):
+            for page in pages(self._transactions_page):
                 fresh = [one for one in page if one.tx_hash not in self._transactions]
                 new |= {one.tx_hash: one for one in fresh}
-                if len(fresh) < len(page):
+                older_are_known = len(fresh) < len(page) and self._since_s <= first_s
+                if older_are_known or page[-1].time_s < first_s:
                     break
-            tasks = [one for page in _pages(lambda at: self.tasks(_PAGE_TASKS, at)[0]) for one in page]
             transactions = {**self._transactions, **new}
             # All at once, so that nothing older is missing. Transactions of unknown gas are queried again.
             self._transactions |= {name: one for name, one in new.items() if one.gas_used is not None}
+            self._since_s = min(self._since_s, first_s)
             return earnings(tasks, transactions.values(), self._site.economy.electricity)
 
     def _transactions_page(self, offset: int) -> list[queries.Transaction]:
@@ -179,7 +188,7 @@ def _keep(cache: OrderedDict[str, T], sha256: str, value: T, limit: int) -> T:
     return value
 
 
-def _pages(page: Callable[[int], list[T]]) -> Iterator[list[T]]:
+def pages(page: Callable[[int], list[T]]) -> Iterator[list[T]]:
     """The pages of an answer; `page(offset)` asks for one."""
     offset = 0
     while found := page(offset):

@@ -10,50 +10,37 @@ from rodeo.access.accounts import User, workers
 from rodeo.access.roles import Role
 from rodeo.display.formatting import wall_moment
 from rodeo.text.strict_json import Json
-from services.console.pages.frame import Console, act, ask, frame, user
-from services.console.pages.widgets import (
-    Field,
-    Section,
-    Text,
-    ask_form,
-    badge,
-    card,
-    confirm,
-    empty,
-    on_page,
-    table,
-)
-
-_ROLES = {role.value: role.value for role in Role}
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 
 def register(console: Console) -> None:
     @ui.page("/accounts")
-    def accounts() -> None:
-        with frame(console, "Accounts", "/accounts"):
-            page = AccountsPage(console)
+    def accounts_page() -> None:
+        with frame.page(console, "Accounts", "/accounts"):
+            accounts = AccountsPage(console)
             # After the page is there: the framework gives up on one that takes long to answer.
-            ui.timer(0, page.load, once=True)
+            ui.timer(0, accounts.load, once=True)
 
 
 class AccountsPage:
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._name = user().name
-        if user().has(Role.ADMINISTRATOR):
-            with card("People") as head:
+        self._name = frame.user().name
+        if frame.user().has(Role.ADMINISTRATOR):
+            with widgets.card("People") as head:
                 with head:
                     ui.button("New account", icon="person_add", on_click=self._create).props("flat dense")
-                self._people = Section(self._draw_people).waiting()
+                self._people = widgets.Section(self._draw_people).waiting()
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), card("Your tokens") as head:
+            with ui.element("div").classes("stack span-7"), widgets.card("Your tokens") as head:
                 with head:
                     ui.button("New token", icon="add", on_click=self._issue).props("flat dense")
                 told = "With a token a program may do under /api whatever you may do here."
-                Text("p", f"{told} Their times are the wall clock's.", "soft")
-                self._tokens = Section(self._draw_tokens).waiting()
-            with ui.element("div").classes("stack span-5"), card("Your passphrase"):
-                Text("p", "A new passphrase ends all your sessions, including this one.", "soft")
+                widgets.Text("p", f"{told} Their times are the wall clock's.", "soft")
+                self._tokens = widgets.Section(self._draw_tokens).waiting()
+            with ui.element("div").classes("stack span-5"), widgets.card("Your passphrase"):
+                widgets.Text("p", "A new passphrase ends all your sessions, including this one.", "soft")
                 self._current = ui.input("Current passphrase", password=True).props(
                     "outlined dense autocomplete=current-password"
                 )
@@ -63,13 +50,13 @@ class AccountsPage:
                 ui.button("Set it", on_click=self._set_passphrase).props("outline").style("align-self: start")
 
     async def load(self) -> None:
-        if user().has(Role.ADMINISTRATOR):
-            self._people.show(await ask(self._console.accounts.users))
-        self._tokens.show(await ask(self._console.accounts.tokens, self._name))
+        if frame.user().has(Role.ADMINISTRATOR):
+            self._people.show(await frame.ask(self._console.accounts.users))
+        self._tokens.show(await frame.ask(self._console.accounts.tokens, self._name))
 
-    @on_page
+    @widgets.on_page
     async def _act(self, name: str, request: Json, done: str) -> Json | None:
-        reply = await act(self._console, name, request, done)
+        reply = await frame.act(self._console, name, request, done)
         if reply is not None:
             await self.load()
         return reply
@@ -80,23 +67,17 @@ class AccountsPage:
     # -- people ----------------------------------------------------------------------------------------
 
     def _draw_people(self, people: list[User]) -> None:
-        table(
-            "Accounts",
-            [("Name", ""), ("Roles", "wrap"), ("Works as", "wide-only"), ("", "number")],
-            [
-                (
-                    one.name,
-                    ", ".join(sorted(one.roles)) or "may look",
-                    one.participant or "–",
-                    partial(self._person_end, one),
-                )
-                for one in people
-            ],
+        columns: widgets.Columns[User] = (
+            widgets.Column("Name", lambda one: one.name),
+            widgets.Column("Roles", lambda one: ", ".join(sorted(one.roles)) or "may look", "wrap"),
+            widgets.Column("Works as", lambda one: one.participant or "–", "wide-only"),
+            widgets.Column("", self._person_end, "number"),
         )
+        widgets.table("Accounts", columns, people)
 
     def _person_end(self, person: User) -> None:
         if person.disabled:
-            badge("disabled", "bad")
+            widgets.badge("disabled", "bad")
         with (
             ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {person.name}"'),
             ui.menu(),
@@ -106,32 +87,31 @@ class AccountsPage:
                 word = "Enable" if person.disabled else "Disable"
                 ui.menu_item(word, partial(self._set_disabled, person, not person.disabled))
 
-    def _workers(self) -> dict[str, str]:
-        return {"": "nobody"} | {name: name for name in workers(self._console.site)}
+    def _participant(self, now: str = "") -> widgets.Field:
+        choices = {"": "nobody"} | {name: name for name in workers(self._console.site)}
+        return widgets.Field("Participant, for an executor", now, choices)
 
     async def _create(self) -> None:
-        await ask_form(
+        await widgets.ask_form(
             "New account",
             {
-                "name": Field("Name"),
-                "passphrase": Field("First passphrase, 12 characters or more", secret=True),
-                "roles": Field("Roles; none: read-only", choices=_ROLES, several=True),
-                "participant": Field("Participant, for an executor", choices=self._workers()),
+                "name": widgets.Field("Name"),
+                "passphrase": widgets.Field("First passphrase, 12 characters or more", secret=True),
+                "roles": _roles(),
+                "participant": self._participant(),
             },
             "Make it",
             lambda answer: self._done("create_user", _account(answer), f"{answer['name']} may log in"),
         )
 
-    @on_page
+    @widgets.on_page
     async def _change(self, person: User) -> None:
         fixed = {"name": person.name, "disabled": person.disabled}
-        await ask_form(
+        await widgets.ask_form(
             f"Roles of {person.name}",
             {
-                "roles": Field("Roles; none: read-only", ",".join(person.roles), _ROLES, several=True),
-                "participant": Field(
-                    "Participant, for an executor", person.participant or "", self._workers()
-                ),
+                "roles": _roles(",".join(person.roles)),
+                "participant": self._participant(person.participant or ""),
             },
             "Change them",
             lambda answer: self._done(
@@ -139,7 +119,7 @@ class AccountsPage:
             ),
         )
 
-    @on_page
+    @widgets.on_page
     async def _set_disabled(self, person: User, disabled: bool) -> None:
         request = {
             "name": person.name,
@@ -148,7 +128,7 @@ class AccountsPage:
             "disabled": disabled,
         }
         lines = [("Account", person.name), ("Sessions and tokens", "end at once")]
-        if not disabled or await confirm("Disable this account?", lines, "Disable it", danger=True):
+        if not disabled or await widgets.confirm("Disable this account?", lines, "Disable it", danger=True):
             await self._act(
                 "change_user", request, f"{person.name} is {'disabled' if disabled else 'enabled'}"
             )
@@ -156,22 +136,13 @@ class AccountsPage:
     # -- one's own -------------------------------------------------------------------------------------
 
     def _draw_tokens(self, tokens: list[Json]) -> None:
-        if not tokens:
-            empty("You have no tokens.")
-            return
-        table(
-            "Your tokens",
-            [("For", ""), ("Made", "plain wide-only"), ("Last used", ""), ("", "number")],
-            [
-                (
-                    one["label"],
-                    wall_moment(one["created_s"]),
-                    wall_moment(one["used_s"]),
-                    partial(self._token_end, one),
-                )
-                for one in tokens
-            ],
+        columns: widgets.Columns[Json] = (
+            widgets.Column("For", lambda one: one["label"]),
+            widgets.Column("Made", lambda one: wall_moment(one["created_s"]), "plain wide-only"),
+            widgets.Column("Last used", lambda one: wall_moment(one["used_s"])),
+            widgets.Column("", self._token_end, "number"),
         )
+        widgets.table("Your tokens", columns, tokens, "You have no tokens.")
 
     def _token_end(self, token: Json) -> None:
         request = {"token_id": token["id"]}
@@ -188,10 +159,10 @@ class AccountsPage:
                 ("Token", reply["token"]),
                 ("Shown", "It is shown only once. Keep it with your other secrets."),
             ]
-            await confirm("Your new token", lines, "I have it")
+            await widgets.confirm("Your new token", lines, "I have it")
             return True
 
-        await ask_form("New token", {"label": Field("What is it for?")}, "Make it", issue)
+        await widgets.ask_form("New token", {"label": widgets.Field("What is it for?")}, "Make it", issue)
 
     async def _set_passphrase(self) -> None:
         request = {
@@ -199,8 +170,13 @@ class AccountsPage:
             "passphrase": self._new.value or "",
             "current": self._current.value or "",
         }
-        if await act(self._console, "set_passphrase", request) is not None:
+        if await frame.act(self._console, "set_passphrase", request) is not None:
             ui.navigate.to("/login")
+
+
+def _roles(now: str = "") -> widgets.Field:
+    choices = {role.value: role.value for role in Role}
+    return widgets.Field("Roles; none: read-only", now, choices, several=True)
 
 
 def _account(answer: dict[str, str]) -> Json:

@@ -9,30 +9,8 @@ from nicegui import ui
 from rodeo.access.roles import Role
 from rodeo.bus import queries
 from rodeo.display.formatting import count, iec, party, split_in_words
-from rodeo.errors import RodeoError
-from services.console.pages.frame import (
-    Console,
-    act,
-    ask,
-    follow_async,
-    may,
-    problem_section,
-    stale,
-    user,
-    when,
-)
-from services.console.pages.widgets import (
-    Section,
-    Text,
-    badge,
-    card,
-    confirm,
-    fact,
-    facts,
-    modal,
-    on_page,
-    progress_bar,
-)
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 SHOWN = 20
 LOOK_S = 5.0
@@ -44,18 +22,13 @@ class BudgetVotesSection:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = problem_section()
-        self._all = Section(self._draw)
-        self._refresh = follow_async(console, "events", self._load)
+        self._problem = frame.problem_section()
+        self._all = widgets.Section(self._draw)
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
         ui.timer(LOOK_S, self._refresh)
 
     async def _load(self) -> None:
-        try:
-            answer = await ask(self._console.queries.ask, queries.BUDGET_VOTES, limit=SHOWN)
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._problem.show("")
+        answer = await frame.ask(self._console.queries.ask, queries.BUDGET_VOTES, limit=SHOWN)
         self._all.show(answer.budget_votes)
 
     def _draw(self, budget_votes: list[queries.BudgetVote]) -> None:
@@ -63,22 +36,22 @@ class BudgetVotesSection:
             return
         with ui.element("div").classes("stack"):
             for one in budget_votes:
-                with card(f"Budget vote {one.number}") as head:
+                with widgets.card(f"Budget vote {one.number}") as head:
                     with head:
-                        badge(one.state)
+                        widgets.badge(one.state)
                     self._draw_one(one)
 
     def _draw_one(self, one: queries.BudgetVote) -> None:
-        member = user().participant if user().has(Role.EXECUTOR) else None
+        member = frame.user().participant if frame.user().has(Role.EXECUTOR) else None
         own = next((ballot for ballot in one.ballots if member and ballot.voter_name == member), None)
-        with facts():
-            fact("Amount", iec(one.amount_iec))
-            fact("Members vote until", when(one.end_s))
+        with widgets.facts():
+            widgets.fact("Amount", iec(one.amount_iec))
+            widgets.fact("Members vote until", frame.when(one.end_s))
             voters = ", ".join(party(ballot.voter_name, ballot.voter) for ballot in one.ballots)
-            fact("Voted", voters or "nobody", "wrap")
+            widgets.fact("Voted", voters or "nobody", "wrap")
             if own is not None:
                 used = f"{own.credits_used} of {one.credits} credits: {split_in_words(one, own)}"
-                fact("Your votes", used, "wrap")
+                widgets.fact("Your votes", used, "wrap")
         with ui.element("ul").classes("list"):
             for to in one.recipients:
                 self._draw_recipient(one, to)
@@ -86,7 +59,7 @@ class BudgetVotesSection:
             if one.state == "open" and member is not None:
                 words = "Vote" if own is None else "Change your votes"
                 ui.button(words, on_click=partial(self._vote, one, own)).props("outline")
-            if one.state == "ended" and may("pay_budget_share"):
+            if one.state == "ended" and frame.may("pay_budget_share"):
                 ui.button("Pay the shares", on_click=partial(self._pay, one)).props("outline")
 
     def _draw_recipient(self, one: queries.BudgetVote, to: queries.BudgetShare) -> None:
@@ -98,24 +71,24 @@ class BudgetVotesSection:
         else:
             gets = f"gets {iec(to.share_iec)}, not paid yet" if to.share_iec else "gets nothing"
         with ui.element("li"):
-            Text("span", name, "title").props(f'title="{to.address}"')
-            Text("span", f"{count(to.votes, 'vote')}, {gets}", "soft end")
+            widgets.Text("span", name, "title").props(f'title="{to.address}"')
+            widgets.Text("span", f"{count(to.votes, 'vote')}, {gets}", "soft end")
             # The contract takes a budget vote about nothing.
-            progress_bar(float(to.share_iec / (one.amount_iec or 1)), f"Share of {name}")
+            widgets.progress_bar(float(to.share_iec / (one.amount_iec or 1)), f"Share of {name}")
 
-    @on_page
+    @widgets.on_page
     async def _pay(self, one: queries.BudgetVote) -> None:
         due = [to for to in one.recipients if to.share_iec and to.paid_iec is None]
         lines = [(party(to.name, to.address), iec(to.share_iec)) for to in due]
-        if not await confirm("Pay these out of the treasury?", lines, "Pay"):
+        if not await widgets.confirm("Pay these out of the treasury?", lines, "Pay"):
             return
         for to in due:
             request = {"budget_vote": one.number, "recipient": to.address}
             # A share that cannot be paid now, because the treasury is empty, keeps nobody else's.
-            await act(self._console, "pay_budget_share", request, f"Paid {party(to.name, to.address)}")
+            await frame.act(self._console, "pay_budget_share", request, f"Paid {party(to.name, to.address)}")
         self._refresh()
 
-    @on_page
+    @widgets.on_page
     async def _vote(self, one: queries.BudgetVote, own: queries.BudgetBallot | None) -> None:
         before = [0] * len(one.recipients) if own is None else own.votes
         entries: list[ui.number] = []
@@ -132,21 +105,20 @@ class BudgetVotesSection:
         async def cast() -> None:
             given = {to.address: number for to, number in zip(one.recipients, votes(), strict=True)}
             request = {"budget_vote": one.number, "votes": given}
-            if await act(self._console, "cast_budget_vote", request, f"Voted in budget vote {one.number}"):
+            done = f"Voted in budget vote {one.number}"
+            if await frame.act(self._console, "cast_budget_vote", request, done):
                 dialog.submit(True)
 
-        with modal(f"Budget vote {one.number}") as dialog:
+        with widgets.modal(f"Budget vote {one.number}") as dialog:
             dialog.props("no-backdrop-dismiss")
-            Text("p", f"n votes for a recipient cost n × n of your {one.credits} credits.", "soft")
+            widgets.Text("p", f"n votes for a recipient cost n × n of your {one.credits} credits.", "soft")
             with ui.element("div").classes("form").style("width: 100%"):
                 for to, number in zip(one.recipients, before, strict=True):
                     label = f"Votes for {party(to.name, to.address)}"
                     entry = ui.number(label, value=number, min=0, precision=0, on_change=recount)
                     entries.append(entry.props("outlined dense").classes("whole"))
-            total = Text("p", "").props('role="status"')
-            with ui.element("div").classes("dialog-buttons"):
-                ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
-                button = ui.button("Vote", on_click=cast).props("unelevated")
+            total = widgets.Text("p", "").props('role="status"')
+            button = widgets.dialog_buttons(dialog, "Vote", cast)
             recount()
         if await dialog:
             self._refresh()

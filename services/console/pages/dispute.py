@@ -12,18 +12,18 @@ from rodeo.display.story import Step
 from rodeo.errors import RodeoError
 from rodeo.judging.rulings import can_only_lose
 from services.console.actions import speaks_for
-from services.console.pages.frame import Console, act, ask, user, when
-from services.console.pages.widgets import Field, Text, ask_form, on_page
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 
 def draw_button(console: Console, task: Task) -> None:
     """Nothing for a person who may not challenge the ruling; the reason where that can only lose."""
-    challenger = challenger_of(console, task, user())
+    challenger = challenger_of(console, task, frame.user())
     if challenger is None or task.standing is None or task.price_iec is None:
         return
     of_creator, of_executor = challenger == task.creator_name, challenger == task.executor_name
     if why := can_only_lose(task.standing, task.price_iec, of_creator, of_executor):
-        Text("span", f"No challenge by {challenger}: {why}", "soft")
+        widgets.Text("span", f"No challenge by {challenger}: {why}", "soft")
         return
     ui.button("Challenge", on_click=lambda: _challenge(console, task, challenger)).props("outline")
 
@@ -45,18 +45,18 @@ def challenger_of(console: Console, task: Task, user: User) -> str | None:
     return next((one for one in able if speaks_for(user, one)), None)
 
 
-@on_page
+@widgets.on_page
 async def _challenge(console: Console, task: Task, participant: str) -> None:
     async def perform(answer: dict[str, str]) -> bool:
         request = {"participant": participant, "task_id": task.id, **answer, **agreed}
         done = f"The ruling on task {task.id} is challenged"
-        return await act(console, "challenge", request, done) is not None
+        return await frame.act(console, "challenge", request, done) is not None
 
     agreed = challenge_of(task) or {}
     stake = iec(agreed["stake_iec"])
-    await ask_form(
+    await widgets.ask_form(
         f"Challenge the ruling on task {task.id}? {participant} loses {stake} if it is right",
-        {"reason": Field("Why it is wrong")},
+        {"reason": widgets.Field("Why it is wrong")},
         f"Challenge with {stake}",
         perform,
     )
@@ -67,17 +67,17 @@ async def story_of(console: Console, events: list[DaoEvent]) -> list[Step] | str
     if not any(event.name == "Challenged" for event in events):
         return []
     try:
-        return await ask(console.queries.story, events)
+        return await frame.ask(console.queries.story, events)
     except RodeoError as error:
         return error.message
 
 
 def draw_story(story: list[Step] | str) -> None:
     if isinstance(story, str):
-        Text("p", f"The story of the dispute is not known now: {story}", "soft")
+        widgets.Text("p", f"The story of the dispute is not known now: {story}", "soft")
     elif story:
-        Text("h3", "Dispute")
+        widgets.Text("h3", "Dispute")
         with ui.element("ol").props('aria-label="Story of the dispute"'):
             for step in story:
                 with ui.element("li"):
-                    Text("span", f"{when(step.time_s)}: {step.text}", "wrap")
+                    widgets.Text("span", f"{frame.when(step.time_s)}: {step.text}", "wrap")

@@ -8,8 +8,8 @@ from nicegui import ui
 
 from rodeo.site.names import robot_process
 from services.console.feed import Entry, entries
-from services.console.pages.frame import Console, act, ask, follow, user, when
-from services.console.pages.widgets import Link, Section, Text, badge, card, empty, on_page
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 SHOWN = 12
 _ANY = ""
@@ -18,12 +18,12 @@ _ANY = ""
 class FeedCard:
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._mark = console.accounts.mark(user().name)
+        self._mark = console.accounts.mark(frame.user().name)
         names = [one.name for one in console.site.robots]
         self._robots = {robot_process(console.site, name): name for name in names}
-        with card("Events and alarms") as head:
+        with widgets.card("Events and alarms") as head:
             with head:
-                self._unread = Text("span", "", "soft").props('role="status"')
+                self._unread = widgets.Text("span", "", "soft").props('role="status"')
                 self._read = ui.button("Mark as read", on_click=self._mark_read).props("flat dense")
             with ui.element("search").classes("filters").props('aria-label="Filter events"'):
                 options = {_ANY: "Any robot", **{name: name for name in names}}
@@ -32,8 +32,8 @@ class FeedCard:
                 self._alarms = ui.checkbox("Alarms only", on_change=self._show)
                 for one in (self._robot, self._task):
                     one.props("outlined dense")
-            self._rows = Section(_draw).live()
-        follow(console, "feed", self._show)
+            self._rows = widgets.Section(_draw).live()
+        frame.follow(console, "feed", self._show)
 
     def _all(self) -> list[Entry]:
         live = self._console.live
@@ -54,30 +54,30 @@ class FeedCard:
         ]
         self._rows.show(wanted[:SHOWN], len(wanted))
 
-    @on_page
+    @widgets.on_page
     async def _mark_read(self) -> None:
         live = self._console.live
         newest = live.events[-1] if live.events else None
         chain, seq = ("", 0) if newest is None else (newest.chain, newest.seq)
         request = {"chain": chain, "seq": seq, "heard_s": time.time()}
-        if await act(self._console, "mark_read", request) is not None:
-            self._mark = await ask(self._console.accounts.mark, user().name)
+        if await frame.act(self._console, "mark_read", request) is not None:
+            self._mark = await frame.ask(self._console.accounts.mark, frame.user().name)
             self._show()
 
 
 def _draw(shown: list[Entry], total: int) -> None:
     if not shown:
-        empty("Nothing of this kind happened yet.")
+        widgets.empty("Nothing of this kind happened yet.")
         return
     with ui.element("ul").classes("list"):
         for one in shown:
             with ui.element("li"):
-                Link(one.text, one.href, "title")
+                widgets.Link(one.text, one.href, "title")
                 with ui.element("span").classes("line tight"):
                     if one.unread:
-                        badge("new", "info")
+                        widgets.badge("new", "info")
                     if one.alarm:
-                        badge("alarm", "bad")
-                Text("span", when(one.time_s), "soft")
+                        widgets.badge("alarm", "bad")
+                widgets.Text("span", frame.when(one.time_s), "soft")
     if total > len(shown):
-        Text("p", f"The newest {len(shown)} of {total:,}.", "soft")
+        widgets.Text("p", f"The newest {len(shown)} of {total:,}.", "soft")

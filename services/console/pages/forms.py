@@ -14,8 +14,8 @@ from rodeo.commands.declare import bare
 from rodeo.display.formatting import phrase
 from rodeo.text.strict_json import Json
 from services.console.actions import summary_of
-from services.console.pages.frame import Console, act
-from services.console.pages.widgets import Field, ask_form, confirm, on_page
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 _UNITS = {"iec": "IEC", "s": "s", "sha256": "0x…"}
 _PROPOSE = next(
@@ -58,7 +58,7 @@ def buttons(console: Console, role: Role, then: Callable[[], Any]) -> None:
         )
 
 
-@on_page
+@widgets.on_page
 async def ask_command(
     console: Console,
     name: str,
@@ -73,7 +73,7 @@ async def ask_command(
     fields = _fields(model, known, start or {})
     summary = summary_of(model)
     if proposal is not None:
-        fields[_WHY] = Field("Why", hint="Everybody reads it, with what the proposal would do.")
+        fields[_WHY] = widgets.Field("Why", hint="Everybody reads it, with what the proposal would do.")
         what = f"Propose: {what.lower()}"
 
     async def give(answer: dict[str, str]) -> bool:
@@ -89,20 +89,22 @@ async def ask_command(
             lines = [("What it does", summary), *lines, ("Then", proposal.then)]
             about = {"participant": proposal.participant, "description": why}
             sent = _PROPOSE, {**about, "command": name, "request": request}
-        if not await confirm(f"{what}?", lines or [("What", summary)], f"{what}{amount}", danger=danger):
+        if not await widgets.confirm(
+            f"{what}?", lines or [("What", summary)], f"{what}{amount}", danger=danger
+        ):
             return False
-        if await act(console, *sent, f"Done: {what.lower()}") is None:
+        if await frame.act(console, *sent, f"Done: {what.lower()}") is None:
             return False
         then()
         return True
 
     if fields:
-        await ask_form(summary, fields, "Review", give)
+        await widgets.ask_form(summary, fields, "Review", give)
     else:
         await give({})
 
 
-@on_page
+@widgets.on_page
 async def choose_command(
     console: Console,
     names: Iterable[str],
@@ -119,12 +121,12 @@ async def choose_command(
 
     summaries = {name: summary_of(COMMANDS[name]) for name in names}
     title = "Commands" if proposal is None else "What do you propose?"
-    await ask_form(title, {"command": Field("What", choices=summaries)}, "Go on", take)
+    await widgets.ask_form(title, {"command": widgets.Field("What", choices=summaries)}, "Go on", take)
     for name in chosen:
         await ask_command(console, name, then, start=start, proposal=proposal)
 
 
-def _fields(model: type[Command], known: Json, start: Mapping[str, Any]) -> dict[str, Field]:
+def _fields(model: type[Command], known: Json, start: Mapping[str, Any]) -> dict[str, widgets.Field]:
     own = {
         name: one
         for name, one in model.model_fields.items()
@@ -137,7 +139,7 @@ def _is_list(model: type[Command], name: str) -> bool:
     return get_origin(model.model_fields[name].annotation) is list
 
 
-def _field(name: str, one: Any, now: Any) -> Field:
+def _field(name: str, one: Any, now: Any) -> widgets.Field:
     unit = _UNITS.get(name.removeprefix(f"{bare(name)}_"))
     label = phrase(bare(name)).capitalize() + (f" ({unit})" if unit else "")
     default = one.get_default(call_default_factory=True) if now is None and not one.is_required() else now
@@ -149,4 +151,4 @@ def _field(name: str, one: Any, now: Any) -> Field:
         choices, start = {"true": "yes", "false": "no"}, start or "true"
     elif get_origin(one.annotation) is Literal:
         choices = {value: phrase(value) for value in get_args(one.annotation)}
-    return Field(label, start, choices, hint=one.description or "")
+    return widgets.Field(label, start, choices, hint=one.description or "")

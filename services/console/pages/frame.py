@@ -22,8 +22,8 @@ from rodeo.site.tls import openness
 from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS, Actions
 from services.console.live import Live
+from services.console.pages import widgets
 from services.console.pages.clock import Clock
-from services.console.pages.widgets import Link, Section, Text, notice
 from services.console.queries import Queries
 
 log = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ def user() -> User:
 
 
 @contextmanager
-def frame(console: Console, title: str, path: str, *, heading: bool = True) -> Iterator[None]:
+def page(console: Console, title: str, path: str, *, heading: bool = True) -> Iterator[None]:
     """Header, menu and the main region that the page fills."""
     context.client.request.state.zone = zone(console.site)
     ui.page_title(f"{title} · RODEO")
@@ -100,13 +100,13 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
                 link.props('aria-current="page"')
             with link:
                 ui.icon(place.icon).props('aria-hidden="true"')
-                Text("span", place.title)
+                widgets.Text("span", place.title)
     with ui.header().classes("app-header"):
         ui.button(icon="menu", on_click=drawer.toggle).props('flat round dense aria-label="Menu"')
         with ui.element("a").classes("brand").props('href="/" aria-label="RODEO, overview"'):
             ui.element("img").props('src="/static/icon.svg" alt=""')
-            Text("span", "RODEO")
-        Text("span", console.site.org, "organization")
+            widgets.Text("span", "RODEO")
+        widgets.Text("span", console.site.org, "organization")
         ui.element("span").classes("grow")
         clock = Clock(zone(console.site))
         ui.button(icon="contrast", on_click=lambda: _switch(mode)).props(
@@ -117,26 +117,31 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
             ui.menu(),
             ui.element("div").style("padding: 12px 16px; min-width: 200px"),
         ):
-            Text("p", person.name, "title")
-            Text("p", ", ".join(sorted(person.roles)) or "read-only", "soft")
+            widgets.Text("p", person.name, "title")
+            widgets.Text("p", ", ".join(sorted(person.roles)) or "read-only", "soft")
             # A plain form: it works when nothing else does.
             with ui.element("form").props('method="post" action="/logout"').style("margin-top: 12px"):
                 ui.button("Log out").props("outline dense type=submit")
     follow(console, "clock", lambda: clock.show(console.live.heartbeats.pace))
     with ui.element("div").classes("page") as main:
         if warning := openness(console.site):
-            notice(f"{warning[0].upper()}{warning[1:]}.", bad=True)
+            widgets.notice(f"{warning[0].upper()}{warning[1:]}.", bad=True)
         if heading:
             page_head(title)
         yield
     ui.skip_link(target=main)
 
 
-def page_head(title: str, subtitle: str = "") -> None:
-    with ui.element("div").classes("page-head"):
-        Text("h1", title)
+def page_head(title: str, subtitle: str = "", state: str = "") -> ui.element:
+    """The page's heading; what is made `with` it stands at its end."""
+    with ui.element("div").classes("page-head") as head:
+        widgets.Text("h1", title)
+        if state:
+            widgets.badge(state)
         if subtitle:
-            Text("p", subtitle)
+            widgets.Text("p", subtitle)
+        ui.element("span").classes("grow")
+    return head
 
 
 def when(time_s: float | None) -> str:
@@ -168,8 +173,11 @@ def follow(console: Console, what: str, update: Callable[[], None]) -> None:
     update()
 
 
-def follow_async(console: Console, what: str, update: Callable[[], Awaitable[None]]) -> Callable[[], None]:
-    """`follow` for an `update` that queries: one at a time, and once more if `what` changed meanwhile.
+def follow_async(
+    console: Console, what: str, update: Callable[[], Awaitable[None]], problem: widgets.Section
+) -> Callable[[], None]:
+    """`follow` for an `update` that queries: one at a time, and once more if `what` changed meanwhile. Where
+    it fails, `problem` says that the page is not current.
 
     Returns a function that calls it from elsewhere, for example from a filter.
     """
@@ -182,7 +190,11 @@ def follow_async(console: Console, what: str, update: Callable[[], Awaitable[Non
             while True:
                 state["again"] = False
                 with slot:
-                    await update()
+                    try:
+                        await update()
+                        problem.show("")
+                    except RodeoError as error:
+                        problem.show(stale(error))
                 if not state["again"]:
                     return
         finally:
@@ -243,9 +255,9 @@ def stale(error: RodeoError) -> str:
     return f"This page is not current. {explain(error)}"
 
 
-def problem_section() -> Section:
+def problem_section() -> widgets.Section:
     """Section for why a page is not current; hidden with an empty text."""
-    return Section(lambda text: notice(text, bad=True) if text else None).live()
+    return widgets.Section(lambda text: widgets.notice(text, bad=True) if text else None).live()
 
 
 def time_left(console: Console, deadline_s: float) -> None:
@@ -255,9 +267,9 @@ def time_left(console: Console, deadline_s: float) -> None:
         return pace.time_left(console.live.heartbeats.pace, deadline_s)
 
     # A screen reader reads it where it stands, and not at each change.
-    shown = Text("span", words(), "soft").props('aria-live="off"')
+    shown = widgets.Text("span", words(), "soft").props('aria-live="off"')
     ui.timer(_LEFT_S, lambda: shown.set_text(words()))
 
 
 def back_link(text: str, path: str) -> None:
-    Link(f"← {text}", path, "soft")
+    widgets.Link(f"← {text}", path, "soft")

@@ -8,8 +8,8 @@ from nicegui import Client, ui
 from nicegui import app as nicegui_app
 from starlette.responses import PlainTextResponse, Response
 
-from services.console.pages.frame import Console, frame
-from services.console.pages.widgets import notice
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 
 def register(console: Console) -> None:
@@ -17,8 +17,8 @@ def register(console: Console) -> None:
         if request.state.session is None:  # asked for one of the framework's files, which need no login
             return PlainTextResponse(title, status)
         with Client(ui.page(""), request=request) as client:
-            with frame(console, title, ""):
-                notice(text, bad=True)
+            with frame.page(console, title, ""):
+                widgets.notice(text, bad=True)
             return client.build_response(request, status)
 
     @nicegui_app.exception_handler(404)

@@ -9,33 +9,13 @@ from nicegui import ui
 
 from rodeo.access.roles import Role
 from rodeo.bus.queries import SERVICES, Offer
-from rodeo.display.formatting import explain, known_in_words, share, span
+from rodeo.display.formatting import known_in_words, share, span
 from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
+from services.console.errors import RobotUnavailable
 from services.console.lab_map import LabMap
-from services.console.pages.frame import (
-    Console,
-    act,
-    ask,
-    follow,
-    follow_async,
-    frame,
-    page_head,
-    problem_section,
-    user,
-    when,
-)
-from services.console.pages.widgets import (
-    Section,
-    badge,
-    card,
-    confirm,
-    empty,
-    fact,
-    facts,
-    notice,
-    progress_bar,
-)
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 _ORDERS = (
     ("Pause", "pause_robot", "pause", "finishes its attempt, then waits"),
@@ -52,26 +32,24 @@ _UNITS = {"km": "km", "m": "m", "w": "W", "wh": "Wh", "s": "s"}
 def register(console: Console) -> None:
     @ui.page("/operator")
     def operator() -> None:
-        with frame(console, "Operator", "/operator", heading=False):
-            with ui.element("div").classes("page-head"):
-                page_head("Operator")
-                ui.element("span").classes("grow")
-                if user().has(Role.OPERATOR):
+        with frame.page(console, "Operator", "/operator", heading=False):
+            with frame.page_head("Operator"):
+                if frame.user().has(Role.OPERATOR):
                     stop = ui.button("Stop everything", icon="front_hand", color="negative")
                     stop.props("unelevated").on_click(partial(_stop_all, console))
-            if not user().has(Role.OPERATOR):
-                notice(
+            if not frame.user().has(Role.OPERATOR):
+                widgets.notice(
                     "You need the role operator to give orders to robots. Ask an administrator for it.",
                     bad=True,
                 )
                 return
             with ui.element("div").classes("grid"):
-                with ui.element("div").classes("stack span-7"), card("Lab"):
+                with ui.element("div").classes("stack span-7"), widgets.card("Lab"):
                     lab_map = LabMap(console.lab, "Map of the lab with robots and items")
-                    follow(console, "map", lambda: lab_map.show(console.live.map))
+                    frame.follow(console, "map", lambda: lab_map.show(console.live.map))
                 with ui.element("div").classes("stack span-5"):
                     if not console.site.robots:
-                        empty("This site has no robots.")
+                        widgets.empty("This site has no robots.")
                     for robot in console.site.robots:
                         RobotCard(console, robot.name)
 
@@ -82,9 +60,9 @@ class RobotCard:
     def __init__(self, console: Console, robot: str) -> None:
         self._console = console
         self._robot = robot
-        with card(robot):
-            self._problem = problem_section()
-            self._state = Section(self._draw).live()
+        with widgets.card(robot):
+            self._problem = frame.problem_section()
+            self._state = widgets.Section(self._draw).live()
             with ui.element("div").classes("line tight"):
                 for word, action, icon, effect in _ORDERS:
                     ui.button(
@@ -96,60 +74,56 @@ class RobotCard:
                 ui.button("Stop", icon="front_hand", color="negative", on_click=self._stop).props(
                     f'unelevated aria-label="Stop {robot}"'
                 )
-        self._refresh = follow_async(console, "processes", self._load)
+        self._refresh = frame.follow_async(console, "processes", self._load, self._problem)
 
     async def _load(self) -> None:
         try:
-            state = await ask(self._console.queries.robot, self._robot)
-            offers = (await ask(self._console.queries.ask, SERVICES, provider=self._robot)).services
+            state = await frame.ask(self._console.queries.robot, self._robot)
         except RodeoError as error:
-            unheard = error.code in ("no_responder", "query_timeout")
-            self._problem.show(f"The agent of {self._robot} does not answer." if unheard else explain(error))
-            return
-        self._problem.show("")
+            if error.code in ("no_responder", "query_timeout"):
+                raise RobotUnavailable("the robot's agent does not answer", robot=self._robot) from error
+            raise
+        offers = (await frame.ask(self._console.queries.ask, SERVICES, provider=self._robot)).services
         self._state.show(state, offers)
 
     def _draw(self, state: Json, offers: list[Offer]) -> None:
         with ui.element("div").classes("line tight"):
             if state.get("stopped"):
-                badge("stopped", "bad")
+                widgets.badge("stopped", "bad")
             elif state.get("paused"):
-                badge("paused", "warn")
+                widgets.badge("paused", "warn")
             else:
-                badge("working", "good")
+                widgets.badge("working", "good")
             if state.get("charge_ordered"):
-                badge("will charge", "info")
-        with facts():
+                widgets.badge("will charge", "info")
+        with widgets.facts():
             if offers:
                 pace = self._console.live.heartbeats.pace
-                fact(
+                widgets.fact(
                     "Known as",
-                    known_in_words(offers[0], when, None if pace is None else pace.now_s),
+                    known_in_words(offers[0], frame.when, None if pace is None else pace.now_s),
                     "wrap",
                 )
             if back := ", ".join(str(one.id) for one in offers if one.stood_back):
-                fact("Services that stand back", back)
+                widgets.fact("Services that stand back", back)
             for name, value in state.items():
                 if name == "soc" and isinstance(value, int | float):
-                    fact("Battery", share(float(value)))
+                    widgets.fact("Battery", share(float(value)))
                 elif name == "eta_s" and isinstance(value, int | float):
-                    fact("Finished in", f"about {span(float(value))}")
-                elif name not in _ELSEWHERE and value not in (
-                    None,
-                    "",
-                ):
+                    widgets.fact("Finished in", f"about {span(float(value))}")
+                elif name not in _ELSEWHERE and value not in (None, ""):
                     label, words = _said(name, value)
-                    fact(label, words[:300], "wrap")
+                    widgets.fact(label, words[:300], "wrap")
         if isinstance(state.get("progress"), int | float):
-            progress_bar(float(state["progress"]), f"Progress of {self._robot}")
+            widgets.progress_bar(float(state["progress"]), f"Progress of {self._robot}")
 
     async def _order(self, action: str, done: str) -> None:
-        if await act(self._console, action, {"robot": self._robot}, done) is not None:
+        if await frame.act(self._console, action, {"robot": self._robot}, done) is not None:
             self._refresh()
 
     async def _cancel(self) -> None:
         lines = [("Robot", self._robot), ("Its attempt", "fails on chain; others may take the task")]
-        if await confirm("Give up the attempt?", lines, "Give it up", danger=True):
+        if await widgets.confirm("Give up the attempt?", lines, "Give it up", danger=True):
             await self._order("cancel_robot", f"{self._robot} gives up its attempt")
 
     async def _stop(self) -> None:
@@ -158,7 +132,7 @@ class RobotCard:
 
 
 async def _stop_all(console: Console) -> None:
-    reply = await act(console, "stop_all", {})
+    reply = await frame.act(console, "stop_all", {})
     if reply is None:
         return
     if reply["silent"]:

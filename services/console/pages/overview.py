@@ -17,46 +17,33 @@ from rodeo.text.strict_json import Json
 from services.console.attention import Need, RobotState, Seen, needs, robots
 from services.console.heartbeats import ProcessState
 from services.console.lab_map import LabViews
+from services.console.pages import frame, widgets
 from services.console.pages.feed import FeedCard
-from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user, when
-from services.console.pages.widgets import (
-    Link,
-    Section,
-    Text,
-    badge,
-    card,
-    empty,
-    progress_bar,
-    table,
-    task_list,
-    tile,
-)
+from services.console.pages.frame import Console
 
 
 def register(console: Console) -> None:
     @ui.page("/")
     def overview() -> None:
-        with frame(console, "Overview", "/", heading=False):
-            with ui.element("div").classes("page-head"):
-                page_head("Overview")
-                ui.element("span").classes("grow")
-                if user().has(Role.OPERATOR):
+        with frame.page(console, "Overview", "/", heading=False):
+            with frame.page_head("Overview"):
+                if frame.user().has(Role.OPERATOR):
                     ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
-            problem = problem_section()
+            problem = frame.problem_section()
             Needs(console)
-            with card("Lab"):
+            with widgets.card("Lab"):
                 lab_map = LabViews(console.lab, "robots and items").map
-                seen = Section(_draw_seen)
-            with card("Robots"):
-                working = Section(_draw_robots)
+                seen = widgets.Section(_draw_seen)
+            with widgets.card("Robots"):
+                working = widgets.Section(_draw_robots)
             with ui.element("div").classes("grid"):
                 with ui.element("div").classes("stack span-7"):
                     FeedCard(console)
                 with ui.element("div").classes("stack span-5"):
                     Work(console, problem)
             ui.link_target("processes").classes("visually-hidden")
-            with card("Processes"):
-                health = Section(_draw_processes)
+            with widgets.card("Processes"):
+                health = widgets.Section(partial(widgets.table, "Processes of this site", _PROCESSES))
 
             def show_robots() -> None:
                 live = console.live
@@ -72,8 +59,8 @@ def register(console: Console) -> None:
                 health.show(console.live.heartbeats.processes)
                 show_robots()
 
-            follow(console, "map", show_map)
-            follow(console, "processes", show_processes)
+            frame.follow(console, "map", show_map)
+            frame.follow(console, "processes", show_processes)
 
 
 class Needs:
@@ -83,32 +70,34 @@ class Needs:
         self._console = console
         energy = console.kinds.providing("energy")
         self._charging = None if energy is None else energy.name
-        with card("Needs a person"):
-            self._found = Section(_draw_needs).waiting().live()
+        with widgets.card("Needs a person"):
+            self._found = widgets.Section(_draw_needs).waiting().live()
         for what in ("processes", "organization"):
-            follow(console, what, self._show)
+            frame.follow(console, what, self._show)
 
     def _show(self) -> None:
         console, live = self._console, self._console.live
-        known = Seen(console.site, live.summary, live.heartbeats.processes, user(), self._charging, when)
+        known = Seen(
+            console.site, live.summary, live.heartbeats.processes, frame.user(), self._charging, frame.when
+        )
         self._found.show(needs(known))
 
 
 class Work:
     """What the organization does; `problem` says why that is not current."""
 
-    def __init__(self, console: Console, problem: Section) -> None:
+    def __init__(self, console: Console, problem: widgets.Section) -> None:
         self._live, self._problem = console.live, problem
         with ui.element("div").classes("grid tiles"):
             names = ("waiting", "being done", "paid so far")
-            self._open, self._assigned, self._settled = (tile(name, "–", 4) for name in names)
-        with card("Queue"):
-            self._queue = Section(_draw_queue).waiting()
-        with card("Last verdicts"):
-            self._verdicts = Section(_draw_verdicts).waiting().live()
-        with card("Wallets"):
-            self._wallets = Section(_draw_wallets).waiting()
-        follow(console, "organization", self._show)
+            self._open, self._assigned, self._settled = (widgets.tile(name, "–", 4) for name in names)
+        with widgets.card("Queue"):
+            self._queue = widgets.Section(_draw_queue).waiting()
+        with widgets.card("Last verdicts"):
+            self._verdicts = widgets.Section(_draw_verdicts).waiting().live()
+        with widgets.card("Wallets"):
+            self._wallets = widgets.Section(_draw_wallets).waiting()
+        frame.follow(console, "organization", self._show)
 
     def _show(self) -> None:
         summary = self._live.summary
@@ -142,112 +131,91 @@ def _seen(state: Json) -> dict[str, str]:
 
 def _draw_seen(words: list[tuple[str, str]]) -> None:
     for _, text in words:
-        Text("p", text, "soft")
+        widgets.Text("p", text, "soft")
 
 
 def _draw_needs(found: list[Need]) -> None:
     if not found:
-        empty("Nothing waits for a person.")
+        widgets.empty("Nothing waits for a person.")
         return
     with ui.element("ul").classes("list"):
         for one in found:
             with ui.element("li"):
-                Link(brief(one.text), one.href, "title")
-                badge("alarm" if one.alarm else "waits", "bad" if one.alarm else "warn")
+                widgets.Link(brief(one.text), one.href, "title")
+                widgets.badge("alarm" if one.alarm else "waits", "bad" if one.alarm else "warn")
+
+
+_ROBOTS: widgets.Columns[RobotState] = (
+    widgets.Column("Robot", lambda one: widgets.Link(one.name, "/operator")),
+    widgets.Column("State", lambda one: widgets.badge(one.state)),
+    widgets.Column("Battery", lambda one: share(one.soc), "number"),
+    widgets.Column("Task", lambda one: _draw_task(one.task_id), "wide-only"),
+    widgets.Column("Place", lambda one: one.place, "wide-only"),
+    widgets.Column("Last word", lambda one: _draw_word(one), "wrap"),
+)
 
 
 def _draw_robots(found: list[RobotState]) -> None:
-    if not found:
-        empty("This site has no robots.")
-        return
-    table(
-        "Robots",
-        [
-            ("Robot", ""),
-            ("State", ""),
-            ("Battery", "number"),
-            ("Task", "wide-only"),
-            ("Place", "wide-only"),
-            ("Last word", "wrap"),
-        ],
-        [
-            (
-                partial(Link, one.name, "/operator"),
-                partial(badge, one.state),
-                share(one.soc),
-                "–" if one.task_id is None else partial(Link, f"task {one.task_id}", f"/tasks/{one.task_id}"),
-                one.place,
-                partial(_draw_word, one),
-            )
-            for one in found
-        ],
-    )
+    widgets.table("Robots", _ROBOTS, found, "This site has no robots.")
+
+
+def _draw_task(task_id: int | None) -> object:
+    return "–" if task_id is None else widgets.Link(f"task {task_id}", f"/tasks/{task_id}")
 
 
 def _draw_word(one: RobotState) -> None:
     left = f", about {span(one.eta_s)} left" if one.eta_s is not None else ""
-    Text("span", brief(one.said) + left)
+    widgets.Text("span", brief(one.said) + left)
     if one.progress is not None:
-        progress_bar(one.progress, one.name)
+        widgets.progress_bar(one.progress, one.name)
 
 
-def _draw_processes(processes: list[ProcessState]) -> None:
-    table(
-        "Processes of this site",
-        [("Process", ""), ("State", ""), ("Status", "wrap")],
-        [
-            (
-                one.name,
-                partial(badge, one.state),
-                brief(
-                    ". ".join([one.doing if one.state != "silent" else one.job, *_clock(one), *one.warnings])
-                ),
-            )
-            for one in processes
-        ],
-    )
+def _said(process: ProcessState) -> str:
+    """What it does, how far its clock is off where clocks may be off, and its warnings."""
+    doing = process.job if process.state == "silent" else process.doing
+    clock = [] if process.clock_off_s is None else [f"Clock {process.clock_off_s:+.2f} s"]
+    return brief(". ".join([doing, *clock, *process.warnings]))
 
 
-def _clock(process: ProcessState) -> list[str]:
-    """How far its clock is off, where clocks may be off."""
-    return [] if process.clock_off_s is None else [f"Clock {process.clock_off_s:+.2f} s"]
+_PROCESSES: widgets.Columns[ProcessState] = (
+    widgets.Column("Process", lambda one: one.name),
+    widgets.Column("State", lambda one: widgets.badge(one.state)),
+    widgets.Column("Status", _said, "wrap"),
+)
+_BALANCES: widgets.Columns[Wallet] = (
+    widgets.Column("Wallet", lambda one: one.name),
+    widgets.Column("IEC", lambda one: iec(one.balance_iec).removesuffix(" IEC"), "number"),
+)
 
 
 def _draw_queue(tasks: list[Task]) -> None:
     def draw(task: Task) -> None:
-        badge(task.state)
+        widgets.badge(task.state)
         who = f" · {party(task.executor_name, task.executor)}" if task.executor else ""
         amount = task.reward_iec if task.price_iec is None else task.price_iec
         stands = ""
         if (said := task.standing) is not None:
-            stands = f" · {standing_words(task, iec(said.amount_iec), when(said.until))}"
-        Text("span", f"{iec(amount)}{who}{stands}", "soft")
+            stands = f" · {standing_words(task, iec(said.amount_iec), frame.when(said.until))}"
+        widgets.Text("span", f"{iec(amount)}{who}{stands}", "soft")
 
-    task_list(tasks, draw, "No task is waiting or being done.")
+    widgets.task_list(tasks, draw, "No task is waiting or being done.")
 
 
 def _draw_verdicts(tasks: list[Task]) -> None:
     def draw(task: Task) -> None:
         verdict = task.verdict or ""
-        badge(WORDS.get(verdict, verdict))
+        widgets.badge(WORDS.get(verdict, verdict))
         by_people = is_peoples_verdict(task)
         paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
         said = f"{verdict_words(verdict, task.reason, None, by_people, task.fault)} · "
-        ended = when(task.settled or task.proof_submitted)
-        Text("span", (paid if task.state == "settled" else "") + said + ended, "soft")
+        ended = frame.when(task.settled or task.proof_submitted)
+        widgets.Text("span", (paid if task.state == "settled" else "") + said + ended, "soft")
 
-    task_list(tasks, draw, "No verdict yet.")
+    widgets.task_list(tasks, draw, "No verdict yet.")
 
 
 def _draw_wallets(wallets: list[Wallet], supply_iec: Decimal) -> None:
-    if not wallets:
-        empty("No wallets known yet.")
-        return
     full = [one for one in wallets if one.balance_iec]
-    table(
-        "Balances",
-        [("Wallet", ""), ("IEC", "number")],
-        [(one.name, iec(one.balance_iec).removesuffix(" IEC")) for one in full],
-    )
-    empty_ = f"{count(len(wallets) - len(full), 'wallet')} without IEC. " if len(full) < len(wallets) else ""
-    Text("p", f"{empty_}{iec(supply_iec)} are in circulation.", "soft")
+    widgets.table("Balances", _BALANCES, full, "No wallet has IEC yet.")
+    without = f"{count(len(wallets) - len(full), 'wallet')} without IEC. " if len(full) < len(wallets) else ""
+    widgets.Text("p", f"{without}{iec(supply_iec)} are in circulation.", "soft")

@@ -14,24 +14,12 @@ from rodeo.bus import queries
 from rodeo.bus.messages import Support
 from rodeo.commands import COMMANDS
 from rodeo.display.formatting import calls_in_words, party, phrase, span
-from rodeo.errors import RodeoError, snake_case
+from rodeo.errors import snake_case
 from services.console.actions import proposer_of, summary_of
+from services.console.pages import frame, widgets
 from services.console.pages.budget_votes import LOOK_S, BudgetVotesSection
 from services.console.pages.forms import Proposing, choose_command
-from services.console.pages.frame import (
-    Console,
-    act,
-    ask,
-    follow,
-    follow_async,
-    frame,
-    may,
-    problem_section,
-    stale,
-    user,
-    when,
-)
-from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts, on_page
+from services.console.pages.frame import Console
 
 SHOWN = 50
 
@@ -67,7 +55,7 @@ _MADE_BY = {
 def register(console: Console) -> None:
     @ui.page("/proposals")
     def proposals() -> None:
-        with frame(console, "Proposals", "/proposals"):
+        with frame.page(console, "Proposals", "/proposals"):
             BudgetVotesSection(console)
             ProposalsPage(console)
 
@@ -101,32 +89,27 @@ def _does(contract: str, function: str) -> str:
 class ProposalsPage:
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = problem_section()
+        self._problem = frame.problem_section()
         with ui.element("div").classes("line"):
-            self._decided = Text("span", "", "soft")
+            self._decided = widgets.Text("span", "", "soft")
             self._propose = ui.button("Propose", icon="add", on_click=self._ask).props("outline")
             self._propose.visible = False
         self._proposing: Proposing | None = None
-        self._all = Section(self._draw).waiting()
-        self._refresh = follow_async(console, "events", self._load)
+        self._all = widgets.Section(self._draw).waiting()
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
         ui.timer(LOOK_S, self._refresh)
-        follow(console, "organization", self._offer)
+        frame.follow(console, "organization", self._offer)
 
     async def _load(self) -> None:
-        try:
-            found = (await ask(self._console.queries.ask, queries.PROPOSALS, limit=SHOWN)).proposals
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._problem.show("")
-        self._all.show(found)
+        asked = self._console.queries.ask
+        self._all.show((await frame.ask(asked, queries.PROPOSALS, limit=SHOWN)).proposals)
 
     def _offer(self) -> None:
         """Let who may propose, and say how the organization decides."""
         if (organization := self._console.live.summary.organization) is None:
             return
         self._decided.set_text(decided(organization))
-        participant = proposer_of(user(), organization.decided_by)
+        participant = proposer_of(frame.user(), organization.decided_by)
         if participant is not None and organization.delay_s:
             self._proposing = Proposing(participant, decided(organization))
         self._propose.visible = self._proposing is not None
@@ -137,38 +120,40 @@ class ProposalsPage:
 
     def _draw(self, proposals: list[queries.Proposal]) -> None:
         if not proposals:
-            empty("Nothing was proposed yet.")
+            widgets.empty("Nothing was proposed yet.")
             return
         with ui.element("div").classes("stack"):
             for one in proposals:
-                with card(f"Proposal {one.number}") as head:
+                with widgets.card(f"Proposal {one.number}") as head:
                     with head:
-                        badge(one.state)
+                        widgets.badge(one.state)
                     self._draw_one(one)
 
     def _draw_one(self, one: queries.Proposal) -> None:
-        Text("p", one.description, "wrap")
-        with facts():
-            fact("Would do", "; ".join(map(does, one.calls)), "wrap")
-            fact("Would call", calls_in_words(one.calls), "wrap")
+        widgets.Text("p", one.description, "wrap")
+        with widgets.facts():
+            widgets.fact("Would do", "; ".join(map(does, one.calls)), "wrap")
+            widgets.fact("Would call", calls_in_words(one.calls), "wrap")
             if one.vote_end_s is None:
-                fact("Proposed", when(one.created_s))
+                widgets.fact("Proposed", frame.when(one.created_s))
             else:
-                fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {when(one.created_s)}")
+                widgets.fact(
+                    "Proposed by", f"{party(one.proposer_name, one.proposer)}, {frame.when(one.created_s)}"
+                )
                 for support in get_args(Support):
                     voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
-                    fact(support.capitalize(), f"{one.votes[support]} {', '.join(voters)}")
-                fact("Votes count until", when(one.vote_end_s))
+                    widgets.fact(support.capitalize(), f"{one.votes[support]} {', '.join(voters)}")
+                widgets.fact("Votes count until", frame.when(one.vote_end_s))
             if one.ready_s is not None:
-                fact("Can be executed from", when(one.ready_s))
+                widgets.fact("Can be executed from", frame.when(one.ready_s))
         with ui.element("div").classes("line"):
             voted = {ballot.voter_name for ballot in one.ballots}
-            member = user().participant if user().has(Role.EXECUTOR) else None
+            member = frame.user().participant if frame.user().has(Role.EXECUTOR) else None
             if one.state == "active" and member is not None and member not in voted:
                 for support in get_args(Support):
                     ui.button(f"Vote {support}", on_click=partial(self._vote, one, support)).props("outline")
             for step in _STEPS:
-                if one.state in step.states and may(step.action):
+                if one.state in step.states and frame.may(step.action):
                     button = ui.button(step.button, on_click=partial(self._take, one, step)).props("outline")
                     if one.state == "queued" and one.ready_s is not None:
                         self._enable_from(one.ready_s, button)
@@ -181,19 +166,21 @@ class ProposalsPage:
         look()
         ui.timer(LOOK_S, look)
 
-    @on_page
+    @widgets.on_page
     async def _vote(self, one: queries.Proposal, support: str) -> None:
         if await self._confirm(one, "Vote? It cannot be changed.", f"Vote {support}"):
             done = f"Voted {support} on proposal {one.number}"
-            await act(self._console, "cast_vote", {"proposal": one.number, "support": support}, done)
+            await frame.act(self._console, "cast_vote", {"proposal": one.number, "support": support}, done)
             self._refresh()
 
-    @on_page
+    @widgets.on_page
     async def _take(self, one: queries.Proposal, step: _Step) -> None:
         if await self._confirm(one, f"{step.button} proposal {one.number}?", step.button):
-            await act(self._console, step.action, {"proposal": one.number}, step.done.format(one.number))
+            await frame.act(
+                self._console, step.action, {"proposal": one.number}, step.done.format(one.number)
+            )
             self._refresh()
 
     async def _confirm(self, one: queries.Proposal, title: str, action: str) -> bool:
         lines = [("Proposal", one.description), ("Would call", calls_in_words(one.calls))]
-        return await confirm(title, lines, action)
+        return await widgets.confirm(title, lines, action)

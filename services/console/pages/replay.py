@@ -17,8 +17,8 @@ from rodeo.text.strict_json import Json
 from services.console.errors import UnknownFile
 from services.console.guard import MAX_BODY_BYTES
 from services.console.lab_map import LabViews
-from services.console.pages.frame import Console, ask, fail, frame
-from services.console.pages.widgets import FileDrop, Text, card
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 from services.console.queries import Evidence
 from services.console.replay import track
 
@@ -31,7 +31,7 @@ _NAMED = re.compile(r"(\d{1,9})(?:\.(\d{1,3}))?")
 def register(console: Console) -> None:
     @ui.page("/replay")
     def replay(left: str = "", right: str = "") -> None:
-        with frame(console, "Replay", "/replay"):
+        with frame.page(console, "Replay", "/replay"):
             wanted = {"left": left, "right": right}
             with ui.element("div").classes("grid"):
                 for side in SIDES:
@@ -50,20 +50,20 @@ class _Side:
 
     def __init__(self, console: Console, side: str, wanted: dict[str, str]) -> None:
         self._console, self._side, self._wanted = console, side, wanted
-        with card(side.capitalize(), "span-6"):
+        with widgets.card(side.capitalize(), "span-6"):
             with ui.element("div").classes("filters"):
                 named = ui.input("Task, or task.attempt", value=wanted[side]).props("outlined dense")
                 show = partial(self._choose, named)
                 named.on("keydown.enter", show)
                 ui.button("Show", on_click=show).props(f'outline dense aria-label="Show on the {side}"')
-                FileDrop(
+                widgets.FileDrop(
                     "or drop a recording here",
                     ".mcap",
                     max_file_size=_MAX_BYTES,
                     on_upload=self._dropped,
                     on_rejected=lambda: ui.notify(f"At most {_MAX_BYTES >> 20} MB", type="warning"),
                 )
-            self._told = Text("p", "", "soft").props('aria-live="polite"')
+            self._told = widgets.Text("p", "", "soft").props('aria-live="polite"')
             self._views = LabViews(console.lab, f"the {side} recording")
         if wanted[side]:
             ui.timer(0.1, show, once=True)
@@ -71,9 +71,9 @@ class _Side:
     async def _choose(self, named: ui.input) -> None:
         text = str(named.value or "").strip()
         try:
-            recording = await ask(self._asked_for, text)
+            recording = await frame.ask(self._asked_for, text)
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return
         self._wanted[self._side] = text
         ui.navigate.history.replace(f"/replay?{urlencode(self._wanted)}")
@@ -89,9 +89,9 @@ class _Side:
     async def _dropped(self, event: UploadEventArguments) -> None:
         data = await event.file.read()
         try:
-            recording = await ask(self._opened, data)
+            recording = await frame.ask(self._opened, data)
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return
         # Only its own seals were checked: no chain knows this file.
         self._show(recording, f"{event.file.name[:80]}: sealed; nobody has checked it")

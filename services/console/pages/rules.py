@@ -23,23 +23,9 @@ from rodeo.display.formatting import (
 )
 from rodeo.kinds import KindError
 from rodeo.text.strict_json import Json
+from services.console.pages import frame, widgets
 from services.console.pages.forms import choose_command, commands_of
-from services.console.pages.frame import (
-    Console,
-    act,
-    ask,
-    user,
-)
-from services.console.pages.widgets import (
-    Field,
-    Text,
-    ask_form,
-    fact,
-    facts,
-    hash_text,
-    on_page,
-    table,
-)
+from services.console.pages.frame import Console
 
 _UNSAID = "unsaid"
 """Stands for no choice."""
@@ -52,7 +38,7 @@ POLICIES = {
 
 async def changed(console: Console, refresh: Callable[[], None], name: str, request: Json, done: str) -> bool:
     """Carry out a command and show what it changed; whether it was done."""
-    if await act(console, name, request, done) is None:
+    if await frame.act(console, name, request, done) is None:
         return False
     refresh()
     return True
@@ -69,47 +55,34 @@ class Rules:
         return await changed(self._console, self._refresh, name, request, done)
 
     def _draw_kinds(self, organization: queries.Organization) -> None:
-        table(
-            "Kinds of work",
-            [
-                ("Kind of work", ""),
-                ("Judged by", "wrap"),
-                ("Time", "wrap wide-only"),
-                ("Counts up to", "number wide-only"),
-                ("Rules", "wide-only"),
-                ("", ""),
-            ],
-            [
-                (
-                    kind(one.kind),
-                    judged_by(one),
-                    windows_in_words(one) or "–",
-                    iec(one.reference_price_iec) if one.max_window_s else "–",
-                    partial(_rules_hashes, one.rules_sha256),
-                    partial(self._kind_end, one),
-                )
-                for one in organization.kinds
-            ],
+        columns: widgets.Columns[queries.KindRules] = (
+            widgets.Column("Kind of work", lambda one: kind(one.kind)),
+            widgets.Column("Judged by", judged_by, "wrap"),
+            widgets.Column("Time", lambda one: windows_in_words(one) or "–", "wrap wide-only"),
+            widgets.Column("Counts up to", _counted, "number wide-only"),
+            widgets.Column("Rules", lambda one: _rules_hashes(one.rules_sha256), "wide-only"),
+            widgets.Column("", self._kind_end),
         )
+        widgets.table("Kinds of work", columns, organization.kinds)
 
     def draw(self, organization: queries.Organization) -> None:
         terms = organization.terms
         failures = terms.max_failures
-        with facts():
-            fact("Chosen by", POLICIES.get(organization.policy, organization.policy))
-            fact("Open to", "members only" if organization.members_only else "everybody")
-            fact("Bond", iec(terms.bond_iec))
-            fact("Penalty for a failure", iec(terms.penalty_iec))
-            fact("Suspended after", f"{failures} failures in a row" if failures else "never")
+        with widgets.facts():
+            widgets.fact("Chosen by", POLICIES.get(organization.policy, organization.policy))
+            widgets.fact("Open to", "members only" if organization.members_only else "everybody")
+            widgets.fact("Bond", iec(terms.bond_iec))
+            widgets.fact("Penalty for a failure", iec(terms.penalty_iec))
+            widgets.fact("Suspended after", f"{failures} failures in a row" if failures else "never")
             if voids := voids_in_words(organization.voids):
-                fact(
+                widgets.fact(
                     "Void attempts",
-                    partial(Text, "span", voids, "alarming") if organization.many_voids else voids,
+                    partial(widgets.Text, "span", voids, "alarming") if organization.many_voids else voids,
                     "wrap",
                 )
         self._draw_kinds(organization)
         _draw_judges(organization)
-        if user().has(Role.ADMINISTRATOR):
+        if frame.user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
                 ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
                 ui.button("Times of a kind", on_click=partial(self._change_times, organization)).props(
@@ -121,7 +94,7 @@ class Rules:
                 ui.button("Other commands", on_click=more).props("outline dense")
 
     def _kind_end(self, one: queries.KindRules) -> None:
-        if not user().has(Role.ADMINISTRATOR):
+        if not frame.user().has(Role.ADMINISTRATOR):
             return
         click: Callable[[], Awaitable[Any]]
         if one.allowed:
@@ -137,7 +110,7 @@ class Rules:
                 f'flat dense aria-label="{label}"'
             )
 
-    @on_page
+    @widgets.on_page
     async def _change_hashes(self, one: queries.KindRules) -> None:
         async def change(answer: dict[str, str]) -> bool:
             request = {"kind": one.kind, "rules_sha256": answer["rules_sha256"]}
@@ -146,11 +119,12 @@ class Rules:
             request |= {"judge": one.judge}
             return await self._act("allow_kind", request, "New tasks are judged by these rules")
 
-        await ask_form(
+        installed = await frame.ask(self._installed_rules, one.kind)
+        await widgets.ask_form(
             f"Rules of {kind(one.kind)}",
             {
-                "rules_sha256": Field("Hash of the rules (0x…)", await ask(self._installed_rules, one.kind)),
-                "action": Field(
+                "rules_sha256": widgets.Field("Hash of the rules (0x…)", installed),
+                "action": widgets.Field(
                     "What to do",
                     choices={
                         "allow": "Judge new tasks by them; older rules stay current",
@@ -173,7 +147,7 @@ class Rules:
         except KindError:
             return ""
 
-    @on_page
+    @widgets.on_page
     async def _allow_kind(self, name: str) -> None:
         """The judge is named each time: no judge is meant by leaving it out."""
         judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
@@ -189,20 +163,19 @@ class Rules:
             done = f"{kind(answer['kind'])} is allowed"
             return await self._act("allow_kind", {"allowed": True, **answer}, done)
 
-        await ask_form(
+        installed = await frame.ask(self._installed_rules, name)
+        await widgets.ask_form(
             f"Allow {kind(name)}" if name else "Allow a kind of work",
             {
-                "kind": Field("Name, for example window_cleaning", name),
-                "judge": Field("Judged by", choices=judges),
-                "rules_sha256": Field(
-                    "Hash of the rules (0x…), where the oracle judges", await ask(self._installed_rules, name)
-                ),
+                "kind": widgets.Field("Name, for example window_cleaning", name),
+                "judge": widgets.Field("Judged by", choices=judges),
+                "rules_sha256": widgets.Field("Hash of the rules (0x…), where the oracle judges", installed),
             },
             "Allow it",
             allow,
         )
 
-    @on_page
+    @widgets.on_page
     async def _change_times(self, organization: queries.Organization) -> None:
         judges = {one.kind: one.judge for one in organization.kinds if one.allowed}
 
@@ -211,15 +184,15 @@ class Rules:
             request |= {"judge": judges[answer["kind"]]}
             return await self._act("allow_kind", request, f"The times of {kind(answer['kind'])} are set")
 
-        await ask_form(
+        await widgets.ask_form(
             "Times of a kind, in seconds, and its price; what is left empty stays",
             {
-                "kind": Field("Kind of work", choices={name: kind(name) for name in judges}),
-                "min_window_s": Field("Shortest time to work"),
-                "max_window_s": Field("Longest time to work"),
-                "grace_s": Field("Time to accept a task or give it back"),
-                "reference_price_iec": Field("An attempt counts in a record up to (IEC)"),
-                "audit_window_s": Field("Auditors may rule for, when the judge cannot; then it is void"),
+                "kind": widgets.Field("Kind of work", choices={name: kind(name) for name in judges}),
+                "min_window_s": widgets.Field("Shortest time to work"),
+                "max_window_s": widgets.Field("Longest time to work"),
+                "grace_s": widgets.Field("Time to accept a task or give it back"),
+                "reference_price_iec": widgets.Field("An attempt counts in a record up to (IEC)"),
+                "audit_window_s": widgets.Field("Auditors may rule for, when the judge cannot; then: void"),
             },
             "Set them",
             change,
@@ -242,26 +215,28 @@ def _draw_judges(organization: queries.Organization) -> None:
 
 
 def _draw_bench(caption: str, title: str, bench: queries.Organization | queries.Committee) -> None:
-    table(
-        caption,
-        [(title, "wrap"), ("Stake", "number"), ("Key", "wide-only")],
-        [
-            (partial(_judge, one), _stake(one, bench.stake_needed(one)), partial(hash_text, one.key))
-            for one in bench.judges
-        ],
+    columns: widgets.Columns[queries.Judge] = (
+        widgets.Column(title, _judge, "wrap"),
+        widgets.Column("Stake", lambda one: _stake(one, bench.stake_needed(one)), "number"),
+        widgets.Column("Key", lambda one: widgets.hash_text(one.key), "wide-only"),
     )
+    widgets.table(caption, columns, bench.judges)
+
+
+def _counted(one: queries.KindRules) -> str:
+    return iec(one.reference_price_iec) if one.max_window_s else "–"
 
 
 def _judge(one: queries.Judge) -> None:
-    Text("div", one.name or str(one.seat))
+    widgets.Text("div", one.name or str(one.seat))
     if one.owner_name != one.name:
-        Text("div", f"works for {party(one.owner_name, one.owner)}", "soft")
+        widgets.Text("div", f"works for {party(one.owner_name, one.owner)}", "soft")
 
 
 def _rules_hashes(rules: list[str]) -> None:
     """Hashes, newest first: new tasks get that one."""
     for one in reversed(rules):
-        hash_text(one)
+        widgets.hash_text(one)
 
 
 def _stake(judge: queries.Judge, needed: Decimal) -> str:

@@ -19,83 +19,56 @@ from rodeo.display.formatting import (
     short,
     voids_in_words,
 )
-from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
 from services.console.actions import ORGANIZATION, speaks_for
+from services.console.pages import frame, widgets
 from services.console.pages.forms import ask_command
-from services.console.pages.frame import (
-    Console,
-    ask,
-    follow_async,
-    frame,
-    problem_section,
-    stale,
-    user,
-    when,
-)
+from services.console.pages.frame import Console
 from services.console.pages.rules import Rules, changed, judged_by
-from services.console.pages.widgets import (
-    Field,
-    Section,
-    Text,
-    ask_form,
-    badge,
-    card,
-    confirm,
-    empty,
-    hash_text,
-    on_page,
-    table,
-)
 
 
 def register(console: Console) -> None:
     @ui.page("/services")
     def services() -> None:
-        with frame(console, "Services and participants", "/services"):
+        with frame.page(console, "Services and participants", "/services"):
             ServicesPage(console)
 
 
 class ServicesPage:
     def __init__(self, console: Console) -> None:
         self._console = console
-        person = user()
-        self._problem = problem_section()
-        with card("Services") as head:
+        person = frame.user()
+        self._problem = frame.problem_section()
+        with widgets.card("Services") as head:
             if person.has(Role.OPERATOR, Role.EXECUTOR):
                 with head:
                     ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
-            self._services = Section(self._draw_services).waiting()
-        with card("Rules"):
-            self._rules = Section(Rules(console, lambda: self._refresh()).draw).waiting()
-        with card("Participants"):
-            self._participants = Section(partial(_draw_participants, console)).waiting()
-        with card("Device keys") as head:
+            self._services = widgets.Section(self._draw_services).waiting()
+        with widgets.card("Rules"):
+            self._rules = widgets.Section(Rules(console, lambda: self._refresh()).draw).waiting()
+        with widgets.card("Participants"):
+            self._participants = widgets.Section(partial(_draw_participants, console)).waiting()
+        with widgets.card("Device keys") as head:
             if person.has(Role.ADMINISTRATOR):
                 with head:
                     ui.button(
                         "Register a key", icon="add", on_click=partial(self._ask, "register_device")
                     ).props("flat dense")
-            self._devices = Section(self._draw_devices).waiting()
-        self._refresh = follow_async(console, "events", self._load)
+            self._devices = widgets.Section(self._draw_devices).waiting()
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     async def _load(self) -> None:
         answer = self._console.queries.ask
-        try:
-            services = (await ask(answer, queries.SERVICES)).services
-            participants = (await ask(answer, queries.PARTICIPANTS)).participants
-            devices = (await ask(answer, queries.DEVICES)).devices
-            self._organization = await ask(answer, queries.ORGANIZATION)
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._problem.show("")
+        services = (await frame.ask(answer, queries.SERVICES)).services
+        participants = (await frame.ask(answer, queries.PARTICIPANTS)).participants
+        devices = (await frame.ask(answer, queries.DEVICES)).devices
+        self._organization = await frame.ask(answer, queries.ORGANIZATION)
         self._services.show(services)
         self._participants.show(participants)
         self._devices.show(devices)
         self._rules.show(self._organization)
 
-    @on_page
+    @widgets.on_page
     async def _act(self, name: str, request: Json, done: str) -> bool:
         """Whether it was done."""
         return await changed(self._console, self._refresh, name, request, done)
@@ -106,36 +79,19 @@ class ServicesPage:
     # -- services --------------------------------------------------------------------------------------
 
     def _draw_services(self, services: list[queries.Offer]) -> None:
-        if not services:
-            empty("Nobody offers a service yet.")
-            return
-        table(
-            "Services on offer",
-            [
-                ("Service", ""),
-                ("Provider", "wide-only"),
-                ("State", ""),
-                ("Price", "number"),
-                ("Reputation", "number wide-only"),
-                ("Done / rejected / late", "number wide-only"),
-                ("", "number"),
-            ],
-            [
-                (
-                    partial(_service_name, one),
-                    partial(_provider, self._console, one),
-                    partial(_service_state, one),
-                    iec(one.price_iec),
-                    share(one.reputation / 64),
-                    f"{one.completed} / {one.rejected} / {one.expired}",
-                    partial(self._service_menu, one),
-                )
-                for one in services
-            ],
+        columns: widgets.Columns[queries.Offer] = (
+            widgets.Column("Service", _service_name),
+            widgets.Column("Provider", partial(_provider, self._console), "wide-only"),
+            widgets.Column("State", _service_state),
+            widgets.Column("Price", lambda one: iec(one.price_iec), "number"),
+            widgets.Column("Reputation", lambda one: share(one.reputation / 64), "number wide-only"),
+            widgets.Column("Done / rejected / late", _record, "number wide-only"),
+            widgets.Column("", self._service_menu, "number"),
         )
+        widgets.table("Services on offer", columns, services, "Nobody offers a service yet.")
 
     def _service_menu(self, service: queries.Offer) -> None:
-        person, provider = user(), service.provider_name
+        person, provider = frame.user(), service.provider_name
         own = provider is not None and speaks_for(person, provider)
         if service.state == "retired" or not (own or person.has(Role.ADMINISTRATOR)):
             return
@@ -164,27 +120,27 @@ class ServicesPage:
                 else:
                     ui.menu_item("Suspend", partial(self._suspend, service))
 
-    @on_page
+    @widgets.on_page
     async def _price(self, service: queries.Offer) -> None:
-        await ask_form(
+        await widgets.ask_form(
             f"New price of service {service.id}",
-            {"price_iec": Field("Price (IEC)", f"{service.price_iec:f}")},
+            {"price_iec": widgets.Field("Price (IEC)", f"{service.price_iec:f}")},
             "Set the price",
             lambda answer: self._update(service, answer, f"Service {service.id} has a new price"),
         )
 
-    @on_page
+    @widgets.on_page
     async def _set_state(self, service: queries.Offer, state: str) -> None:
         if state == "retired":
             lines = [
                 ("Service", f"{service.id} · {kind(service.kind)}"),
                 ("After that", "it cannot come back"),
             ]
-            if not await confirm("Retire this service?", lines, "Retire it", danger=True):
+            if not await widgets.confirm("Retire this service?", lines, "Retire it", danger=True):
                 return
         await self._update(service, {"state": state}, f"Service {service.id} is {state}")
 
-    @on_page
+    @widgets.on_page
     async def _agree(self, service: queries.Offer) -> None:
         judged = next((one for one in self._organization.kinds if one.kind == service.kind), None)
         lines = [
@@ -192,7 +148,7 @@ class ServicesPage:
             ("Judged by", "" if judged is None else judged_by(judged)),
             ("Bond that stands for it", iec(service.bond_iec)),
         ]
-        if await confirm("Agree to the present judge?", lines, "Agree"):
+        if await widgets.confirm("Agree to the present judge?", lines, "Agree"):
             request = {"service_id": service.id, "participant": service.provider_name}
             await self._act("agree", request, f"Service {service.id} has agreed")
 
@@ -200,19 +156,19 @@ class ServicesPage:
         request = {"service_id": service.id, "participant": service.provider_name, **change}
         return await self._act("update_service", request, done)
 
-    @on_page
+    @widgets.on_page
     async def _suspend(self, service: queries.Offer) -> None:
         lines = [
             ("Service", f"{service.id} · {kind(service.kind)}"),
             ("Until", "an administrator reinstates it"),
         ]
-        if await confirm("Suspend this service?", lines, "Suspend it", danger=True):
+        if await widgets.confirm("Suspend this service?", lines, "Suspend it", danger=True):
             await self._act(
                 "suspend_service", {"service_id": service.id}, f"Service {service.id} is suspended"
             )
 
     async def _offer(self) -> None:
-        person = user()
+        person = frame.user()
         participant = ORGANIZATION if person.has(Role.OPERATOR) else person.participant or ""
         if not participant:
             ui.notify("Your account works as no participant; an administrator can say which", type="warning")
@@ -226,12 +182,12 @@ class ServicesPage:
         if not allowed:
             ui.notify(f"The organization accepts no kind of work that {participant} can do", type="warning")
             return
-        await ask_form(
+        await widgets.ask_form(
             f"Offer a service of {participant}",
             {
-                "kind": Field("Kind", choices={name: kind(name) for name in allowed}),
-                "price_iec": Field("Price (IEC)", "100"),
-                "description": Field("For people"),
+                "kind": widgets.Field("Kind", choices={name: kind(name) for name in allowed}),
+                "price_iec": widgets.Field("Price (IEC)", "100"),
+                "description": widgets.Field("For people"),
             },
             "Offer it",
             lambda answer: self._act(
@@ -242,39 +198,30 @@ class ServicesPage:
     # -- devices ---------------------------------------------------------------------------------------
 
     def _draw_devices(self, devices: list[queries.OwnedDevice]) -> None:
-        if not devices:
-            empty("No key is registered to sign evidence yet.")
-            return
-        table(
-            "Device keys",
-            [("Device", ""), ("Key", ""), ("Owner", "wide-only"), ("Since", "wide-only"), ("", "number")],
-            [
-                (
-                    partial(_device_name, one),
-                    partial(hash_text, one.address),
-                    party(one.owner_name, one.owner),
-                    when(one.registered),
-                    partial(self._device_end, one),
-                )
-                for one in devices
-            ],
+        columns: widgets.Columns[queries.OwnedDevice] = (
+            widgets.Column("Device", _device_name),
+            widgets.Column("Key", lambda one: widgets.hash_text(one.address)),
+            widgets.Column("Owner", lambda one: party(one.owner_name, one.owner), "wide-only"),
+            widgets.Column("Since", lambda one: frame.when(one.registered), "wide-only"),
+            widgets.Column("", self._device_end, "number"),
         )
+        widgets.table("Device keys", columns, devices, "No key is registered to sign evidence yet.")
 
     def _device_end(self, device: queries.OwnedDevice) -> None:
         if device.revoked:
-            badge(device.revoked_because or "revoked")
-        elif user().has(Role.ADMINISTRATOR):
+            widgets.badge(device.revoked_because or "revoked")
+        elif frame.user().has(Role.ADMINISTRATOR):
             name = f"Revoke the {device.role} key of {device.name} {short(device.address)}"
             ui.button(
                 "Revoke", on_click=partial(self._ask, "revoke_device", {"device": device.address})
             ).props(f'flat dense color=negative aria-label="{name}"')
         else:
-            badge("active")
+            widgets.badge("active")
 
 
 def _device_name(device: queries.OwnedDevice) -> None:
-    Text("strong", device.name)
-    Text("div", device.role, "soft")
+    widgets.Text("strong", device.name)
+    widgets.Text("div", device.role, "soft")
 
 
 def _role(name: str) -> str:
@@ -283,62 +230,63 @@ def _role(name: str) -> str:
 
 
 def _service_name(service: queries.Offer) -> None:
-    Text("strong", f"{service.id} · {kind(service.kind)}")
+    widgets.Text("strong", f"{service.id} · {kind(service.kind)}")
     if service.description:
-        Text("div", service.description[:120], "soft wrap")
+        widgets.Text("div", service.description[:120], "soft wrap")
+
+
+def _record(service: queries.Offer) -> str:
+    return f"{service.completed} / {service.rejected} / {service.expired}"
 
 
 def _known(console: Console, known: queries.Known) -> str:
     """What the contracts know of a provider, as of now."""
     pace = console.live.heartbeats.pace
-    return known_in_words(known, when, None if pace is None else pace.now_s)
+    return known_in_words(known, frame.when, None if pace is None else pace.now_s)
 
 
 def _provider(console: Console, service: queries.Offer) -> None:
-    Text("div", party(service.provider_name, service.provider))
-    Text("div", _known(console, service), "soft wrap")
+    widgets.Text("div", party(service.provider_name, service.provider))
+    widgets.Text("div", _known(console, service), "soft wrap")
+
+
+_PARTICIPANTS: widgets.Columns[queries.Person] = (
+    widgets.Column("Participant", lambda one: _person(one)),
+    widgets.Column("Address", lambda one: widgets.hash_text(one.address), "wide-only"),
+    widgets.Column("Roles", lambda one: ", ".join(map(_role, one.roles_on_chain)) or one.role or "–", "wrap"),
+    widgets.Column("Balance", lambda one: iec(one.balance_iec), "number"),
+    widgets.Column("Posted", lambda one: f"{sum(one.created.values()):,}", "number wide-only"),
+    widgets.Column("Void", lambda one: _voids(one), "wrap wide-only"),
+    widgets.Column("Done", lambda one: f"{one.executed.get('settled', 0):,}", "number wide-only"),
+)
 
 
 def _draw_participants(console: Console, participants: list[queries.Person]) -> None:
-    table(
-        "Participants",
-        [
-            ("Participant", ""),
-            ("Address", "wide-only"),
-            ("Roles", "wrap"),
-            ("Known as", "wrap wide-only"),
-            ("Balance", "number"),
-            ("Paid for its work", "wrap wide-only"),
-            ("Posted", "number wide-only"),
-            ("Void", "wrap wide-only"),
-            ("Done", "number wide-only"),
-        ],
-        [
-            (
-                one.name or "stranger",
-                partial(hash_text, one.address),
-                ", ".join(map(_role, one.roles_on_chain)) or one.role or "–",
-                _known(console, one),
-                iec(one.balance_iec),
-                "itself" if one.payout is None else one.payout_name or partial(hash_text, one.payout),
-                f"{sum(one.created.values()):,}",
-                partial(Text, "span", voids_in_words(one.voids), "alarming")
-                if one.many_voids
-                else voids_in_words(one.voids) or "–",
-                f"{one.executed.get('settled', 0):,}",
-            )
-            for one in participants
-        ],
-    )
+    known = widgets.Column[queries.Person]("Known as", partial(_known, console), "wrap wide-only")
+    widgets.table("Participants", (*_PARTICIPANTS[:3], known, *_PARTICIPANTS[3:]), participants)
+
+
+def _person(one: queries.Person) -> None:
+    """Its name, and who is paid for its work where it is another."""
+    widgets.Text("div", one.name or "stranger")
+    if one.payout is not None:
+        widgets.Text("div", "paid for its work:", "soft")
+        widgets.Text("div", one.payout_name) if one.payout_name else widgets.hash_text(one.payout)
+
+
+def _voids(one: queries.Person) -> object:
+    words = voids_in_words(one.voids)
+    return widgets.Text("span", words, "alarming") if one.many_voids else words or "–"
 
 
 def _service_state(service: queries.Offer) -> None:
-    badge(service.state)
+    widgets.badge(service.state)
     if not service.agrees:
-        Text("div", "has not agreed to the present judge", "soft wrap")
+        widgets.Text("div", "has not agreed to the present judge", "soft wrap")
     if service.stood_back:
-        Text("div", "stands back: its provider rests, or works or waits with another service", "soft wrap")
+        why = "its provider rests, or works or waits with another service"
+        widgets.Text("div", f"stands back: {why}", "soft wrap")
     if namers := namers_in_words(service):
-        Text("div", namers, "soft wrap")
+        widgets.Text("div", namers, "soft wrap")
     if service.set_aside_iec:
-        Text("div", f"{iec(service.set_aside_iec)} set aside", "soft")
+        widgets.Text("div", f"{iec(service.set_aside_iec)} set aside", "soft")

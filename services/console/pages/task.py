@@ -42,42 +42,10 @@ from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabViews
-from services.console.pages import dispute
-from services.console.pages.frame import (
-    Console,
-    act,
-    ask,
-    back_link,
-    fail,
-    follow,
-    follow_async,
-    frame,
-    page_head,
-    problem_section,
-    stale,
-    time_left,
-    user,
-    when,
-)
+from services.console.pages import dispute, frame, widgets
+from services.console.pages.frame import Console
 from services.console.pages.replay import track_of
 from services.console.pages.task_evidence import TaskEvidence
-from services.console.pages.widgets import (
-    Field,
-    Link,
-    Section,
-    Text,
-    ask_form,
-    badge,
-    card,
-    confirm,
-    empty,
-    fact,
-    facts,
-    hash_text,
-    notice,
-    on_page,
-    table,
-)
 from services.console.posting import fitting
 
 _TOKEN_EVENTS = ("Transfer", "Approval")
@@ -87,7 +55,7 @@ _TOKEN_EVENTS = ("Transfer", "Approval")
 def register(console: Console) -> None:
     @ui.page("/tasks/{task_id}")
     def task_page(task_id: int) -> None:
-        with frame(console, f"Task {task_id}", "/tasks", heading=False):
+        with frame.page(console, f"Task {task_id}", "/tasks", heading=False):
             TaskPage(console, task_id)
 
 
@@ -98,30 +66,30 @@ class TaskPage:
         self._chosen: int | None = None
         """The attempt whose proof and report are shown; None for the newest that has one."""
         self._live = False
-        back_link("Tasks", "/tasks")
-        self._head = Section(self._draw_head).live()
-        self._problem = problem_section()
+        frame.back_link("Tasks", "/tasks")
+        self._head = widgets.Section(self._draw_head).live()
+        self._problem = frame.problem_section()
         self._parts = ui.element("div").classes("stack")
         with self._parts:
-            with card("Progress"):
-                self._progress = Section(partial(_draw_progress, console)).waiting()
-            with card("Attempts"):
-                self._tries = Section(self._draw_attempts).waiting()
-            with card("Where") as head:
+            with widgets.card("Progress"):
+                self._progress = widgets.Section(partial(_draw_progress, console)).waiting()
+            with widgets.card("Attempts"):
+                self._tries = widgets.Section(self._draw_attempts).waiting()
+            with widgets.card("Where") as head:
                 self._lab = LabViews(console.lab, "where the task is")
                 with head:
                     self._replay = ui.button("Replay the recording", on_click=self._load_replay)
                     self._replay.props("flat dense icon=replay")
                     self._replay.visible = False
             with ui.element("div").classes("grid"):
-                with card("Agreement", "span-6"):
-                    self._agreement = Section(partial(_draw_agreement, console)).waiting()
+                with widgets.card("Agreement", "span-6"):
+                    self._agreement = widgets.Section(partial(_draw_agreement, console)).waiting()
                 evidence = self._evidence = TaskEvidence(console, task_id)
             evidence.report_card()
-            with card("Transactions"):
-                self._transactions = Section(_draw_transactions).waiting()
-        follow(console, "map", self._show_map)
-        self._refresh = follow_async(console, "events", self._load)
+            with widgets.card("Transactions"):
+                self._transactions = widgets.Section(_draw_transactions).waiting()
+        frame.follow(console, "map", self._show_map)
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     def _show_map(self) -> None:
         """Robots are shown while somebody works on the task."""
@@ -131,17 +99,14 @@ class TaskPage:
     async def _load(self) -> None:
         queries = self._console.queries
         try:
-            task = await ask(queries.task, self._task_id)
-            events = await ask(queries.history, self._task_id)
+            task = await frame.ask(queries.task, self._task_id)
         except RodeoError as error:
             if error.code != "unknown_task":
-                self._problem.show(stale(error))
-                return
+                raise
             self._head.show(None)
             self._parts.visible = False
-            self._problem.show(f"There is no task {self._task_id}. Look for its number under Tasks.")
             return
-        self._problem.show("")
+        events = await frame.ask(queries.history, self._task_id)
         self._parts.visible = True
         made = attempts(events)
         proven = [one for one in made if one.proof_sha256 is not None]
@@ -151,7 +116,7 @@ class TaskPage:
         self._progress.show(task, ended_s(events))
         names = {one.address: one.name for one in self._console.live.summary.wallets}
         try:
-            transactions = (await ask(queries.ask, TRANSACTIONS, task_id=self._task_id)).transactions
+            transactions = (await frame.ask(queries.ask, TRANSACTIONS, task_id=self._task_id)).transactions
             self._transactions.show(transactions, "")
         except RodeoError as error:
             transactions = []
@@ -177,41 +142,25 @@ class TaskPage:
         verdicts: dict[int, str],
         story: list[Step] | str,
     ) -> None:
-        if not made:
-            empty("Nobody has accepted it yet.")
-            return
-        table(
-            "Attempts at this task",
-            [
-                ("Attempt", ""),
-                ("Executor", ""),
-                ("Assigned", "plain wide-only"),
-                ("Proof submitted", "plain wide-only"),
-                ("Outcome", "wrap"),
-                ("", "number"),
-            ],
-            [
-                (
-                    str(one.number),
-                    party(names.get(one.executor), one.executor),
-                    when(one.assigned_s),
-                    when(one.submitted_s),
-                    partial(_draw_outcome, one, verdicts[one.number]),
-                    partial(self._choice, one, shown == one.number),
-                )
-                for one in made
-            ],
-        )
+        columns: widgets.Columns[Attempt] = [
+            widgets.Column("Attempt", lambda one: str(one.number)),
+            widgets.Column("Executor", lambda one: party(names.get(one.executor), one.executor)),
+            widgets.Column("Assigned", lambda one: frame.when(one.assigned_s), "plain wide-only"),
+            widgets.Column("Proof submitted", lambda one: frame.when(one.submitted_s), "plain wide-only"),
+            widgets.Column("Outcome", lambda one: _draw_outcome(one, verdicts[one.number]), "wrap"),
+            widgets.Column("", lambda one: self._choice(one, shown == one.number), "number"),
+        ]
+        widgets.table("Attempts at this task", columns, made, "Nobody has accepted it yet.")
         proven = [f"{self._task_id}.{one.number}" for one in made if one.proof_sha256 is not None]
         if len(proven) > 1:
-            Link("Compare the last two", f"/replay?left={proven[-2]}&right={proven[-1]}")
+            widgets.Link("Compare the last two", f"/replay?left={proven[-2]}&right={proven[-1]}")
         dispute.draw_story(story)
 
     def _choice(self, attempt: Attempt, is_shown: bool) -> None:
         if attempt.proof_sha256 is None:
             return
         if is_shown:
-            Text("span", "shown below", "soft")
+            widgets.Text("span", "shown below", "soft")
             return
         ui.button("Show", on_click=partial(self._choose, attempt.number)).props(
             f'flat dense aria-label="Show proof and report of attempt {attempt.number}"'
@@ -225,13 +174,11 @@ class TaskPage:
     def _draw_head(self, task: Task | None) -> None:
         """None when there is no such task."""
         if task is None:
-            page_head(f"Task {self._task_id}")
+            frame.page_head(f"Task {self._task_id}")
+            widgets.notice(f"There is no task {self._task_id}. Look for its number under Tasks.", bad=True)
             return
-        with ui.element("div").classes("page-head"):
-            Text("h1", f"Task {task.id} · {kind(task.kind)}")
-            badge(task.state)
-            ui.element("span").classes("grow")
-            if user().has(Role.OPERATOR):
+        with frame.page_head(f"Task {task.id} · {kind(task.kind)}", state=task.state):
+            if frame.user().has(Role.OPERATOR):
                 if task.state == "open":
                     match = ui.button("Match with a service", on_click=lambda: self._match(task))
                     match.props("outline")
@@ -239,37 +186,42 @@ class TaskPage:
                     cancel.props("outline color=negative")
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
             dispute.draw_button(self._console, task)
-            if self._can_be_concluded(task) and user().has(Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR):
+            if self._can_be_concluded(task) and frame.user().has(
+                Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR
+            ):
                 ui.button("Conclude", on_click=lambda: self._conclude(task)).props("outline")
         if task.description:
-            Text("p", task.description, "soft wrap")
+            widgets.Text("p", task.description, "soft wrap")
 
-    @on_page
+    @widgets.on_page
     async def _cancel(self, task: Task) -> None:
         lines = [
             ("Task", f"{task.id} · {kind(task.kind)}"),
             ("Back to the organization", iec(task.reward_iec)),
         ]
-        if await confirm("Cancel this task?", lines, "Cancel the task", danger=True):
+        if await widgets.confirm("Cancel this task?", lines, "Cancel the task", danger=True):
             request = cancellation(task.id)
-            await act(self._console, request.declared.name, request, f"Task {task.id} is cancelled")
+            await frame.act(self._console, request.declared.name, request, f"Task {task.id} is cancelled")
 
-    @on_page
+    @widgets.on_page
     async def _match(self, task: Task) -> None:
         """A match considers a few services only, so that somebody may have to name one."""
         try:
-            offers = (await ask(self._console.queries.ask, SERVICES, kind=task.kind)).services
+            offers = (await frame.ask(self._console.queries.ask, SERVICES, kind=task.kind)).services
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return
+
+        choices = {"": "as the policy chooses"} | fitting(task, offers)
 
         async def perform(answer: dict[str, str]) -> bool:
             request = {"task_id": task.id, **{name: value for name, value in answer.items() if value}}
-            return await act(self._console, "match_task", request, f"Task {task.id} was matched") is not None
+            done = f"Task {task.id} was matched"
+            return await frame.act(self._console, "match_task", request, done) is not None
 
-        await ask_form(
+        await widgets.ask_form(
             f"Match task {task.id}",
-            {"service_id": Field("Service", choices={"": "as the policy chooses"} | fitting(task, offers))},
+            {"service_id": widgets.Field("Service", choices=choices)},
             "Match",
             perform,
         )
@@ -281,18 +233,18 @@ class TaskPage:
         ends_s = running_out_s(task) if task.state in ("submitted", "ruled") else None
         return pace is not None and ends_s is not None and pace.now_s > ends_s
 
-    @on_page
+    @widgets.on_page
     async def _conclude(self, task: Task) -> None:
-        await act(self._console, "conclude", {"task_id": task.id}, f"Task {task.id} is concluded")
+        await frame.act(self._console, "conclude", {"task_id": task.id}, f"Task {task.id} is concluded")
 
     async def _load_replay(self) -> None:
         if self._evidence.shown is None:
             return
         self._replay.props("loading")
         try:
-            recording = await ask(track_of, self._console, self._evidence.shown)
+            recording = await frame.ask(track_of, self._console, self._evidence.shown)
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return
         finally:
             self._replay.props(remove="loading")
@@ -318,15 +270,15 @@ def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], p
 
 def _draw_outcome(attempt: Attempt, verdict: str) -> None:
     word = WORDS.get(attempt.verdict or "", attempt.verdict) or ("ruled" if attempt.standing else None)
-    badge(word or ("submitted" if attempt.submitted_s else "assigned"))
+    widgets.badge(word or ("submitted" if attempt.submitted_s else "assigned"))
     if attempt.paid_iec is not None:
-        Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
+        widgets.Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
     if not attempt.counts:
-        Text("div", "does not count as an attempt", "soft")
+        widgets.Text("div", "does not count as an attempt", "soft")
     if verdict:
-        Text("div", verdict[:1].upper() + verdict[1:], "soft wrap")
+        widgets.Text("div", verdict[:1].upper() + verdict[1:], "soft wrap")
     if (said := attempt.verdict or attempt.standing) in MEANINGS:
-        Text("div", MEANINGS[said].partition(": ")[2].capitalize() + ".", "soft wrap")
+        widgets.Text("div", MEANINGS[said].partition(": ")[2].capitalize() + ".", "soft wrap")
 
 
 def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
@@ -364,21 +316,21 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
             with ui.element("li").classes(state) as item:
                 if state == "now":
                     item.props('aria-current="step"')
-                Text("strong", title)
+                widgets.Text("strong", title)
                 if time_s is not None:
-                    Text("div", when(time_s))
+                    widgets.Text("div", frame.when(time_s))
                     if before is not None:
-                        Text("div", f"after {span(time_s - before)}")
+                        widgets.Text("div", f"after {span(time_s - before)}")
                     before = time_s
     if task.attempt:
-        Text(
+        widgets.Text(
             "p",
             f"Attempt {tries_in_words(task)}" + (_deadline(task) if task.state in LIVE_STATES else ""),
             "soft",
         )
     ends_s = running_out_s(task)
     if ends_s is not None:
-        time_left(console, ends_s)
+        frame.time_left(console, ends_s)
 
 
 def _verdict_step(task: Task) -> str:
@@ -393,67 +345,65 @@ def _verdict_step(task: Task) -> str:
 
 def _deadline(task: Task) -> str:
     if task.state == "assigned" and not task.accepted:
-        return f"; the executor has until {when(task.grace_ends_s)} to accept it"
+        return f"; the executor has until {frame.when(task.grace_ends_s)} to accept it"
     if task.state == "assigned" and task.execution_deadline:
-        return f"; the proof is due by {when(task.execution_deadline)}"
+        return f"; the proof is due by {frame.when(task.execution_deadline)}"
     if task.state == "submitted" and task.verdict_deadline:
-        return f"; the ruling is due by {when(task.verdict_deadline)}"
+        return f"; the ruling is due by {frame.when(task.verdict_deadline)}"
     if task.standing is not None:
         stands = "auditors may rule" if task.passed_on else "the ruling stands"
-        return f"; {stands} until {when(task.standing.until)}"
+        return f"; {stands} until {frame.when(task.standing.until)}"
     return ""
 
 
 def _draw_agreement(console: Console, task: Task) -> None:
     kinds, site = console.kinds, console.site
     live = task.state in LIVE_STATES
-    with facts():
-        fact("Creator", party(task.creator_name, task.creator))
-        fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
+    with widgets.facts():
+        widgets.fact("Creator", party(task.creator_name, task.creator))
+        widgets.fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
         if task.standing is not None:
-            stands = standing_words(task, iec(task.standing.amount_iec), when(task.standing.until))
-            fact("Stands", stands, "wrap")
+            stands = standing_words(task, iec(task.standing.amount_iec), frame.when(task.standing.until))
+            widgets.fact("Stands", stands, "wrap")
         if task.passed:
-            fact("Not offered again to", passed_in_words(task), "wrap")
+            widgets.fact("Not offered again to", passed_in_words(task), "wrap")
         if task.requested_service_id is not None:
-            fact("Only service", str(task.requested_service_id))
+            widgets.fact("Only service", str(task.requested_service_id))
         if task.requested_provider is not None:
-            fact("Only provider", party(task.requested_provider_name, task.requested_provider))
+            widgets.fact("Only provider", party(task.requested_provider_name, task.requested_provider))
         if task.nonce and kinds.by_people(task.kind):
-            fact("Code to show in a photo", photo_code(task.nonce))
-        fact("Reward", worth(task.reward_iec, site))
-        fact("Agreed price", worth(task.price_iec, site))
-        fact("In escrow", worth(task.reward_iec if live else 0, site))
-        fact("Paid", worth(task.paid_iec, site))
+            widgets.fact("Code to show in a photo", photo_code(task.nonce))
+        widgets.fact("Reward", worth(task.reward_iec, site))
+        widgets.fact("Agreed price", worth(task.price_iec, site))
+        widgets.fact("In escrow", worth(task.reward_iec if live else 0, site))
+        widgets.fact("Paid", worth(task.paid_iec, site))
         if task.refunded_iec:
-            fact("Returned", worth(task.refunded_iec, site))
+            widgets.fact("Returned", worth(task.refunded_iec, site))
         for name, value in task.params.items():
-            fact(parameter(name), str(value)[:200], "wrap")
+            widgets.fact(parameter(name), str(value)[:200], "wrap")
+
+
+_TRANSACTIONS: widgets.Columns[Transaction] = (
+    widgets.Column("What", lambda one: _draw_transaction(one), "wrap"),
+    widgets.Column("Gas", lambda one: "–" if one.gas_used is None else f"{one.gas_used:,}", "number"),
+    widgets.Column("Fee (ETH)", lambda one: _fee(one.fee_wei), "number wide-only"),
+    widgets.Column("Hash", lambda one: widgets.hash_text(one.tx_hash)),
+)
+
+
+def _fee(fee_wei: str | None) -> str:
+    return "–" if fee_wei is None else number(Decimal(fee_wei) / 10**18, 8)
 
 
 def _draw_transactions(transactions: list[Transaction], problem: str) -> None:
     if problem:
-        notice(problem)
-    elif not transactions:
-        empty("No transactions known.")
+        widgets.notice(problem)
     else:
-        table(
-            "Transactions of this task",
-            [("What", "wrap"), ("Gas", "number"), ("Fee (ETH)", "number wide-only"), ("Hash", "")],
-            [
-                (
-                    partial(_draw_transaction, one),
-                    f"{one.gas_used:,}" if one.gas_used is not None else "–",
-                    "–" if one.fee_wei is None else number(Decimal(one.fee_wei) / 10**18, 8),
-                    partial(hash_text, one.tx_hash),
-                )
-                for one in transactions
-            ],
-        )
+        widgets.table("Transactions of this task", _TRANSACTIONS, transactions, "No transactions known.")
 
 
 def _draw_transaction(transaction: Transaction) -> None:
     told = [name for name in transaction.events if name not in _TOKEN_EVENTS] or transaction.events
-    Text("span", ", ".join(map(phrase, told)))
+    widgets.Text("span", ", ".join(map(phrase, told)))
     sender = transaction.sender_name or short(transaction.sender or "unknown")
-    Text("div", f"{when(transaction.time_s)} by {sender}", "soft")
+    widgets.Text("div", f"{frame.when(transaction.time_s)} by {sender}", "soft")

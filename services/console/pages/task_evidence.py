@@ -12,18 +12,9 @@ from rodeo.display.formatting import explain, number
 from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
 from services.console.attempts import Attempt
-from services.console.pages.frame import Console, ask
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 from services.console.pages.verdict import draw_report
-from services.console.pages.widgets import (
-    Section,
-    Text,
-    card,
-    empty,
-    fact,
-    facts,
-    hash_text,
-    retitle,
-)
 from services.console.queries import Seal
 
 _ORACLES_REPORT = "Oracle's report"
@@ -39,12 +30,12 @@ class TaskEvidence:
         """The attempt that is shown."""
         self._verdict = ""
         """On that attempt, in words, and by whom."""
-        with card("Proof", "span-6"):
-            self._proof = Section(self._draw_proof).waiting()
+        with widgets.card("Proof", "span-6"):
+            self._proof = widgets.Section(self._draw_proof).waiting()
 
     def report_card(self) -> None:
-        with card(_ORACLES_REPORT) as self._report_head:
-            self._report = Section(self._draw_report).waiting()
+        with widgets.card(_ORACLES_REPORT) as self._report_head:
+            self._report = widgets.Section(self._draw_report).waiting()
 
     async def load(self, shown: Attempt | None, verdict: str) -> None:
         """Report, proof and who sealed it; `verdict` in words."""
@@ -58,12 +49,12 @@ class TaskEvidence:
             self._report.show(None, "No report." if ruled else "Nobody has judged this proof yet.")
         else:
             try:
-                self._report.show(await ask(self._console.queries.report, shown), "")
+                self._report.show(await frame.ask(self._console.queries.report, shown), "")
             except RodeoError as error:
                 self._report.show(None, explain(error))
         try:
-            seal = await ask(self._console.queries.seal, shown)
-            devices = (await ask(self._console.queries.ask, DEVICES)).devices
+            seal = await frame.ask(self._console.queries.seal, shown)
+            devices = (await frame.ask(self._console.queries.ask, DEVICES)).devices
         except RodeoError as error:
             self._proof.show(shown, {"Sealed by": explain(error)})
             return
@@ -72,29 +63,29 @@ class TaskEvidence:
 
     def _draw_report(self, report: Json | None, problem: str) -> None:
         by_people = report is not None and "auditor" in report
-        retitle(self._report_head, "Auditor's verdict" if by_people else _ORACLES_REPORT)
+        widgets.retitle(self._report_head, "Auditor's verdict" if by_people else _ORACLES_REPORT)
         if report is None:
-            empty(problem)
+            widgets.empty(problem)
         elif by_people and self.shown is not None:
             # A person's word: the oracle measured none of it, and it must not read as if it had.
             verdict = self._verdict
-            Text("p", f"{verdict[:1].upper()}{verdict[1:]}", "wrap")
-            empty("A person judged this proof; the oracle's checks did not decide it.")
+            widgets.Text("p", f"{verdict[:1].upper()}{verdict[1:]}", "wrap")
+            widgets.empty("A person judged this proof; the oracle's checks did not decide it.")
         else:
             draw_report(report)
 
     def _draw_proof(self, attempt: Attempt | None, sealed: dict[str, str]) -> None:
         if attempt is None:
-            empty("No proof was submitted yet.")
+            widgets.empty("No proof was submitted yet.")
             return
-        with facts():
-            fact("Attempt", str(attempt.number))
-            fact("SHA-256", lambda: hash_text(attempt.proof_sha256 or ""))
+        with widgets.facts():
+            widgets.fact("Attempt", str(attempt.number))
+            widgets.fact("SHA-256", lambda: widgets.hash_text(attempt.proof_sha256 or ""))
             for name, value in sealed.items():
                 if value.startswith("0x"):
-                    fact(name, partial(hash_text, value))
+                    widgets.fact(name, partial(widgets.hash_text, value))
                 else:
-                    fact(name, value)
+                    widgets.fact(name, value)
         ui.button("Download", icon="download").props(
             f'outline dense href="/files/proof/{self._task_id}?attempt={attempt.number}" '
             'aria-label="Download the proof"'

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import uuid
 from decimal import Decimal, InvalidOperation
-from functools import partial
 from typing import Any
 from urllib.parse import urlencode
 
@@ -21,21 +20,9 @@ from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.person.pace import runs_fast
 from rodeo.text.strict_json import Json
 from services.console.lab_map import LabMap
-from services.console.pages.frame import (
-    Console,
-    ask,
-    fail,
-    follow,
-    follow_async,
-    frame,
-    page_head,
-    problem_section,
-    stale,
-    user,
-    when,
-)
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 from services.console.pages.parameters import Parameters
-from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import hireable, hired, problems
 from services.console.scene import in_bins
 
@@ -52,36 +39,31 @@ _ANY_SERVICE = "any service"
 def register(console: Console) -> None:
     @ui.page("/tasks")
     def tasks(page: int = 1, state: str = _ANY, kind_: str = _ANY, text: str = "") -> None:
-        with frame(console, "Tasks", "/tasks", heading=False):
+        with frame.page(console, "Tasks", "/tasks", heading=False):
             page = min(max(1, page), MAX_PAGES)
             _list(console, page, state if state in _STATES else _ANY, kind_, text[:MAX_SEARCH])
 
     @ui.page("/tasks/new")
     def new(like: int | None = None) -> None:
-        with frame(console, "Post a task", "/tasks", heading=False):
-            page_head("Post a task", "Its reward goes into escrow until the work is proven.")
-            if not user().has(Role.OPERATOR):
-                notice("You need the role operator to post tasks. Ask an administrator for it.", bad=True)
+        with frame.page(console, "Post a task", "/tasks", heading=False):
+            frame.page_head("Post a task", "Its reward goes into escrow until the work is proven.")
+            if not frame.user().has(Role.OPERATOR):
+                widgets.notice(
+                    "You need the role operator to post tasks. Ask an administrator for it.", bad=True
+                )
                 return
             PostForm(console, like)
 
 
 def _list(console: Console, page: int, state: str, kind_: str, text: str) -> None:
-    with ui.element("div").classes("page-head"):
-        Text("h1", "Tasks")
-        ui.element("span").classes("grow")
-        if user().has(Role.OPERATOR):
+    with frame.page_head("Tasks"):
+        if frame.user().has(Role.OPERATOR):
             ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
     wanted: Json = {"page": page, "state": state, "kind": kind_, "text": text}
 
     def choose(**values: Any) -> None:
         wanted.update({"page": 1, **values})
-        known = {
-            "page": wanted["page"],
-            "state": wanted["state"],
-            "kind_": wanted["kind"],
-            "text": wanted["text"],
-        }
+        known = {"kind_" if name == "kind" else name: value for name, value in wanted.items()}
         query = urlencode({name: value for name, value in known.items() if value not in ("", 1)})
         ui.navigate.history.replace(f"/tasks?{query}" if query else "/tasks")
         refresh()
@@ -98,29 +80,24 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
         search.props(f"outlined dense clearable debounce=300 maxlength={MAX_SEARCH}").style(
             "flex: 1; max-width: 320px"
         )
-    problem = problem_section()
+    problem = frame.problem_section()
     with ui.element("section").classes("card").props('aria-label="Tasks"'):
-        rows = Section(_draw_rows).waiting()
-        pager = Section(lambda total, at: _draw_pager(total, at, lambda to: choose(page=to)))
+        rows = widgets.Section(_draw_rows).waiting()
+        pager = widgets.Section(lambda total, at: _draw_pager(total, at, lambda to: choose(page=to)))
 
     async def load() -> None:
-        try:
-            (found, total), chain = await asyncio.gather(
-                ask(_find, console, wanted), ask(console.queries.ask, queries.CHAIN)
-            )
-            last = max(1, -(-total // PAGE_ROWS))
-            if wanted["page"] > last:
-                wanted["page"] = last
-                found, total = await ask(_find, console, wanted)
-        except RodeoError as error:
-            problem.show(stale(error))
-            return
-        problem.show("")
+        (found, total), chain = await asyncio.gather(
+            frame.ask(_find, console, wanted), frame.ask(console.queries.ask, queries.CHAIN)
+        )
+        last = max(1, -(-total // PAGE_ROWS))
+        if wanted["page"] > last:
+            wanted["page"] = last
+            found, total = await frame.ask(_find, console, wanted)
         kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in chain.kinds}})
         rows.show(found, bool(wanted["state"] or wanted["kind"] or wanted["text"]))
         pager.show(total, wanted["page"])
 
-    refresh = follow_async(console, "events", load)
+    refresh = frame.follow_async(console, "events", load, problem)
 
 
 def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:
@@ -141,38 +118,25 @@ def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:
     )
 
 
+_TASKS: widgets.Columns[Task] = (
+    widgets.Column("Task", lambda one: _name(one)),
+    widgets.Column("State", lambda one: widgets.badge(one.state)),
+    widgets.Column("Reward", lambda one: iec(one.reward_iec), "number"),
+    widgets.Column("Executor", lambda one: party(one.executor_name, one.executor), "wide-only"),
+    widgets.Column("Attempt", lambda one: f"{one.attempt}/{one.max_attempts}", "number wide-only"),
+    widgets.Column("Posted", lambda one: frame.when(one.registered), "plain wide-only"),
+)
+
+
 def _draw_rows(tasks: list[Task], filtered: bool) -> None:
-    if not tasks:
-        empty("No task fits this filter." if filtered else "No task was posted yet.")
-        return
-    table(
-        "Tasks, newest first",
-        [
-            ("Task", ""),
-            ("State", ""),
-            ("Reward", "number"),
-            ("Executor", "wide-only"),
-            ("Attempt", "number wide-only"),
-            ("Posted", "plain wide-only"),
-        ],
-        [
-            (
-                partial(_name, task),
-                partial(badge, task.state),
-                iec(task.reward_iec),
-                party(task.executor_name, task.executor),
-                f"{task.attempt}/{task.max_attempts}",
-                when(task.registered),
-            )
-            for task in tasks
-        ],
-    )
+    none = "No task fits this filter." if filtered else "No task was posted yet."
+    widgets.table("Tasks, newest first", _TASKS, tasks, none)
 
 
 def _name(task: Task) -> None:
-    Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}")
+    widgets.Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}")
     if task.description:
-        Text("div", task.description[:120], "soft wrap")
+        widgets.Text("div", task.description[:120], "soft wrap")
 
 
 def _draw_pager(total: int, page: int, go: Any) -> None:
@@ -180,7 +144,7 @@ def _draw_pager(total: int, page: int, go: Any) -> None:
     with ui.element("nav").classes("line").props('aria-label="Pages of the list"'):
         first = (page - 1) * PAGE_ROWS + 1
         shown = f"{first:,} to {min(total, page * PAGE_ROWS):,} of {total:,}" if total else "0 tasks"
-        Text("span", shown, "soft").props('aria-live="polite"')
+        widgets.Text("span", shown, "soft").props('aria-live="polite"')
         ui.element("span").classes("grow")
         if pages > 1:
             ui.pagination(
@@ -200,7 +164,7 @@ class PostForm:
         site = console.site
         self._request_id = f"console-{uuid.uuid4()}"
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-5"), card("Task"):
+            with ui.element("div").classes("stack span-5"), widgets.card("Task"):
                 with ui.element("div").classes("form"):
                     known = {name: kind(name) for name in console.kinds}
                     self.kind = ui.select(known, value=next(iter(known), None), label="Kind")
@@ -240,19 +204,19 @@ class PostForm:
                 ):  # fmt: skip
                     field.props("outlined dense")
                 self.description.props("maxlength=2000")
-                self._hints = Section(_draw_hints).live()
+                self._hints = widgets.Section(_draw_hints).live()
                 self.post = ui.button("Review and post", on_click=self._review).props("unelevated")
-            with ui.element("div").classes("stack span-7 pickable"), card("Place") as head:
+            with ui.element("div").classes("stack span-7 pickable"), widgets.card("Place") as head:
                 with head:
-                    self._where = Text("span", "", "soft")
+                    self._where = widgets.Text("span", "", "soft")
                 self.map = LabMap(console.lab, "Map of the lab: click on the place", self._picked)
         self._summary_changed()
         if like is not None:
             ui.timer(0, lambda: self._copy(like), once=True)
         else:
             self._kind_chosen()
-        follow(console, "map", self._map_changed)
-        follow(console, "organization", self._summary_changed)
+        frame.follow(console, "map", self._map_changed)
+        frame.follow(console, "organization", self._summary_changed)
         self._changed()
 
     # -- filling in ------------------------------------------------------------------------------------
@@ -260,9 +224,9 @@ class PostForm:
     async def _copy(self, task_id: int) -> None:
         """Fill in what another task asked for."""
         try:
-            task = await ask(self._console.queries.task, task_id)
+            task = await frame.ask(self._console.queries.task, task_id)
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return
         self.kind.set_options({**dict(self.kind.options), task.kind: kind(task.kind)}, value=task.kind)
         self._shown().fill(task.params)
@@ -451,21 +415,21 @@ class PostForm:
         if balance is not None:
             lines.append(("Organization after", iec(balance - request.reward_iec)))
         try:
-            if doubt := await ask(self._console.actions.doubt, request):
+            if doubt := await frame.ask(self._console.actions.doubt, request):
                 lines.append(("Mind", doubt))
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return
-        if not await confirm("Post this task?", lines, f"Pay {reward} into escrow"):
+        if not await widgets.confirm("Post this task?", lines, f"Pay {reward} into escrow"):
             return
         self.post.disable()
         try:
-            reply = await ask(self._console.actions.perform, user(), "post_task", request)
+            reply = await frame.ask(self._console.actions.perform, frame.user(), "post_task", request)
         except RodeoError as error:
             if not isinstance(error, QueryTimeout):
                 # After a time-out the same request may be sent again and is carried out once.
                 self._request_id = f"console-{uuid.uuid4()}"
-            fail(error)
+            frame.fail(error)
         else:
             ui.navigate.to(f"/tasks/{reply['task_id']}")
         finally:
@@ -474,4 +438,4 @@ class PostForm:
 
 def _draw_hints(hints: tuple[str, ...]) -> None:
     for hint in hints:
-        Text("p", hint, "notice")
+        widgets.Text("p", hint, "notice")

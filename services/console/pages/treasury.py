@@ -13,37 +13,17 @@ from rodeo.bus import queries
 from rodeo.charging.tariff import prices
 from rodeo.display.earnings import Line
 from rodeo.display.formatting import count, iec, party, short, worth
-from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
 from services.console.actions import ORGANIZATION
 from services.console.money import change, reason
+from services.console.pages import frame, widgets
 from services.console.pages.forms import buttons
-from services.console.pages.frame import (
-    Console,
-    ask,
-    follow_async,
-    frame,
-    problem_section,
-    stale,
-    user,
-    when,
-)
-from services.console.pages.widgets import (
-    Link,
-    Section,
-    Text,
-    card,
-    empty,
-    fact,
-    facts,
-    table,
-    tile,
-)
+from services.console.pages.frame import Console
 
 CHARTED = 500
 """Transfers in the chart: as many as the bridge gives at once."""
 PAGE_ROWS = 20
-EARNINGS_ROWS = 40
+EARNINGS_ROWS, EARNINGS_TASKS = 40, 2_000
 _GREEN, _RED, _TEAL, _AMBER = "#2f9d58", "#d9453d", "#139a85", "#c98a12"
 _GREY = "#7b8896"
 """Can be read on a light and on a dark card."""
@@ -67,32 +47,28 @@ _PALETTE = (_TEAL, _AMBER, "#5b7fd0", "#a25fb0", _GREEN, _RED)
 def register(console: Console) -> None:
     @ui.page("/treasury")
     def treasury() -> None:
-        with frame(console, "Treasury", "/treasury", heading=False):
+        with frame.page(console, "Treasury", "/treasury", heading=False):
             TreasuryPage(console)
 
 
 class Earnings:
-    """Earned and spent by week; `problem` shows why they are not current."""
+    """Earned and spent by week."""
 
-    def __init__(self, console: Console, problem: Section) -> None:
+    def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = problem
-        with card("Earned and spent, by week") as head:
+        with widgets.card("Earned and spent, by week") as head:
             with head:
                 ui.button("Earnings as CSV", icon="download").props("flat dense href=/files/earnings.csv")
+            problem = frame.problem_section()
             self._weeks = ui.echart(_week_options([])).style("height: 280px; width: 100%")
             self._weeks.props(
                 'role="img" aria-label="Earned and spent by week; the table below has the numbers"'
             )
-            self._lines = Section(_draw_earnings).waiting()
-        follow_async(console, "events", self._load)
+            self._lines = widgets.Section(_draw_earnings).waiting()
+        frame.follow_async(console, "events", self._load, problem)
 
     async def _load(self) -> None:
-        try:
-            lines = await ask(self._console.queries.earnings)
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
+        lines = await frame.ask(self._console.queries.earnings, EARNINGS_TASKS)
         self._weeks.options.clear()
         self._weeks.options.update(_week_options(lines))
         self._weeks.update()
@@ -104,55 +80,43 @@ class TreasuryPage:
         self._console = console
         self._account = ORGANIZATION
         self._page = 1
-        with ui.element("div").classes("page-head"):
-            Text("h1", "Treasury")
-            ui.element("span").classes("grow")
-            if user().has(Role.TREASURER):
+        with frame.page_head("Treasury"):
+            if frame.user().has(Role.TREASURER):
                 buttons(console, Role.TREASURER, lambda: self._refresh())
-        self._problem = problem_section()
+        self._problem = frame.problem_section()
         with ui.element("div").classes("grid tiles"):
             self._balance, self._escrow, self._earned, self._spent = (
-                tile(name, "–")
+                widgets.tile(name, "–")
                 for name in ("balance", "in escrow", "received, as charted", "paid, as charted")
             )
-        with card("Balance and electricity price") as head:
+        with widgets.card("Balance and electricity price") as head:
             with head:
                 self._select = ui.select([ORGANIZATION], value=ORGANIZATION, label="Account")
                 self._select.props("outlined dense").style("min-width: 180px")
                 self._select.on_value_change(self._choose)
-            self._none = Section(lambda text: empty(text) if text else None)
+            self._none = widgets.Section(lambda text: widgets.empty(text) if text else None)
             self._chart = ui.echart(_options([], [])).style("height: 320px; width: 100%")
             self._chart.props('role="img" aria-label="Balance over time; the table below has every transfer"')
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), card("Transfers") as head:
+            with ui.element("div").classes("stack span-7"), widgets.card("Transfers") as head:
                 with head:
                     self._csv = ui.button("CSV", icon="download").props("flat dense")
-                self._rows = Section(self._draw_rows).waiting()
-            with ui.element("div").classes("stack span-5"), card("Tariffs"):
+                self._rows = widgets.Section(self._draw_rows).waiting()
+            with ui.element("div").classes("stack span-5"), widgets.card("Tariffs"):
                 _draw_tariffs(console)
-        Earnings(console, self._problem)
-        self._refresh = follow_async(console, "events", self._load)
+        Earnings(console)
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     def _choose(self, event: Any) -> None:
         self._account, self._page = str(event.value), 1
         self._refresh()
 
     async def _load(self) -> None:
-        answer = self._console.queries.ask
-        try:
-            charted = (await ask(answer, queries.TRANSFERS, account=self._account, limit=CHARTED)).transfers
-            page = await ask(
-                answer,
-                queries.TRANSFERS,
-                account=self._account,
-                limit=PAGE_ROWS,
-                offset=(self._page - 1) * PAGE_ROWS,
-            )
-            wallet = await ask(answer, queries.WALLET, account=self._account)
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._problem.show("")
+        asked = partial(self._console.queries.ask, account=self._account)
+        charted = (await frame.ask(asked, queries.TRANSFERS, limit=CHARTED)).transfers
+        offset = (self._page - 1) * PAGE_ROWS
+        page = await frame.ask(asked, queries.TRANSFERS, limit=PAGE_ROWS, offset=offset)
+        wallet = await frame.ask(asked, queries.WALLET)
         names = [wallet.name for wallet in self._console.live.summary.wallets] or [ORGANIZATION]
         if names != self._select.options:
             self._select.set_options(names)
@@ -178,32 +142,19 @@ class TreasuryPage:
         self._chart.update()
 
     def _draw_rows(self, transfers: list[queries.Transfer], total: int, page: int) -> None:
-        if not transfers:
-            empty("No transfers.")
-            return
-        table(
-            "Transfers, newest first",
-            [
-                ("When", "plain-wide"),
-                ("Why", "wrap"),
-                ("With", "wide-only"),
-                ("Change", "number"),
-                ("Balance", "number wide-only"),
-            ],
-            [
-                (
-                    when(one.time_s),
-                    partial(_why, one),
-                    _other(one, self._account),
-                    f"{change(one):+,.2f}".rstrip("0").rstrip("."),
-                    iec(one.balance_iec),
-                )
-                for one in transfers
-            ],
+        columns: widgets.Columns[queries.Transfer] = (
+            widgets.Column("When", lambda one: frame.when(one.time_s), "plain-wide"),
+            widgets.Column("Why", _why, "wrap"),
+            widgets.Column("With", lambda one: _other(one, self._account), "wide-only"),
+            widgets.Column("Change", lambda one: f"{change(one):+,.2f}".rstrip("0").rstrip("."), "number"),
+            widgets.Column("Balance", lambda one: iec(one.balance_iec), "number wide-only"),
         )
+        widgets.table("Transfers, newest first", columns, transfers, "No transfers.")
+        if not transfers:
+            return
         pages = max(1, -(-total // PAGE_ROWS))
         with ui.element("div").classes("line"):
-            Text("span", count(total, "transfer"), "soft")
+            widgets.Text("span", count(total, "transfer"), "soft")
             ui.element("span").classes("grow")
             if pages > 1:
                 ui.pagination(1, pages, value=page, direction_links=True, on_change=self._turn).props(
@@ -217,9 +168,9 @@ class TreasuryPage:
 
 def _why(transfer: queries.Transfer) -> None:
     if transfer.task_id is None:
-        Text("span", reason(transfer))
+        widgets.Text("span", reason(transfer))
     else:
-        Link(reason(transfer), f"/tasks/{transfer.task_id}")
+        widgets.Link(reason(transfer), f"/tasks/{transfer.task_id}")
 
 
 def _other(transfer: queries.Transfer, account: str) -> str:
@@ -236,51 +187,34 @@ def _other(transfer: queries.Transfer, account: str) -> str:
 
 def _draw_tariffs(console: Console) -> None:
     economy = console.site.economy
-    with facts():
+    with widgets.facts():
         for tariff in sorted(economy.electricity, key=lambda tariff: tariff.from_hour):
-            fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh")
+            widgets.fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh")
         for one in console.kinds.values():
             if one.price_iec:
-                fact(f"Usual price, {one.title.lower()}", worth(one.price_iec, console.site))
-    Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
+                widgets.fact(f"Usual price, {one.title.lower()}", worth(one.price_iec, console.site))
+    widgets.Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
+
+
+_EARNINGS: widgets.Columns[Line] = (
+    widgets.Column("Week from", lambda one: one.week, "wide-only"),
+    widgets.Column("Who", lambda one: party(one.participant, one.participant), "wrap"),
+    widgets.Column("Kind of work", lambda one: one.kind.replace("_", " "), "wrap"),
+    widgets.Column("Done", lambda one: str(one.done), "number wide-only"),
+    widgets.Column("Earned", lambda one: iec(one.earned_iec), "number"),
+    widgets.Column("Bought", lambda one: str(one.bought), "number wide-only"),
+    widgets.Column("Spent", lambda one: iec(one.spent_iec), "number"),
+    widgets.Column("kWh", lambda one: f"{one.energy_kwh:.3f}", "number wide-only"),
+    widgets.Column("EUR", lambda one: f"{one.electricity_eur:.2f}", "number wide-only"),
+    widgets.Column("Gas", lambda one: f"{one.gas:,}", "number wide-only"),
+)
 
 
 def _draw_earnings(lines: list[Line]) -> None:
-    if not lines:
-        empty("Nobody earned or spent anything yet.")
-        return
-    table(
-        "Earned and spent, the newest week first",
-        [
-            ("Week from", "wide-only"),
-            ("Who", "wrap"),
-            ("Kind of work", "wrap"),
-            ("Done", "number wide-only"),
-            ("Earned", "number"),
-            ("Bought", "number wide-only"),
-            ("Spent", "number"),
-            ("kWh", "number wide-only"),
-            ("EUR", "number wide-only"),
-            ("Gas", "number wide-only"),
-        ],
-        [
-            (
-                one.week,
-                party(one.participant, one.participant),
-                one.kind.replace("_", " "),
-                str(one.done),
-                iec(one.earned_iec),
-                str(one.bought),
-                iec(one.spent_iec),
-                f"{one.energy_kwh:.3f}",
-                f"{one.electricity_eur:.2f}",
-                f"{one.gas:,}",
-            )
-            for one in newest_first(lines)
-        ],
-    )
-    if len(lines) > EARNINGS_ROWS:
-        Text("p", f"The newest {EARNINGS_ROWS} of {len(lines)} lines; the CSV file has all.", "soft")
+    none = "Nobody earned or spent anything yet."
+    widgets.table("Earned and spent, the newest week first", _EARNINGS, newest_first(lines), none)
+    told = f"The newest {EARNINGS_ROWS} of {len(lines)}" if len(lines) > EARNINGS_ROWS else "All"
+    widgets.Text("p", f"{told} lines of the newest {EARNINGS_TASKS:,} tasks; the CSV file has all.", "soft")
 
 
 def newest_first(lines: list[Line]) -> list[Line]:

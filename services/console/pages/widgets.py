@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
@@ -17,6 +17,7 @@ from rodeo.display.formatting import STATE_COLOURS, kind, short
 
 P = ParamSpec("P")
 T = TypeVar("T")
+R = TypeVar("R")
 
 
 class Text(TextElement):
@@ -101,12 +102,13 @@ def fact(name: str, value: str | Callable[[], Any], classes: str = "") -> None:
             value()
 
 
-def hash_text(value: str) -> None:
+def hash_text(value: str) -> ui.element:
     """A hash or address with its ends shown, the whole as a tooltip and for copying."""
-    with ui.element("span").classes("line hash"):
+    with ui.element("span").classes("line hash") as shown:
         Text("span", short(value), "mono").props(f'title="{value}"')
         copy = ui.button(icon="content_copy", on_click=lambda: _copy(value))
         copy.props(f'flat dense round size=sm aria-label="Copy {short(value)}"')
+    return shown
 
 
 async def _copy(value: str) -> None:
@@ -114,26 +116,37 @@ async def _copy(value: str) -> None:
     ui.notify("Copied")
 
 
-Cell = str | Callable[[], Any]
+@dataclass(frozen=True)
+class Column(Generic[R]):
+    """`cell` returns the text of a row's cell, or builds its elements."""
+
+    title: str
+    cell: Callable[[R], object]
+    classes: str = ""
 
 
-def table(caption: str, columns: Sequence[tuple[str, str]], rows: Iterable[Sequence[Cell]]) -> None:
-    """`columns` are (title, classes); a cell is text or a function that builds elements."""
+Columns = Sequence[Column[R]]
+
+
+def table(caption: str, columns: Columns[R], rows: Iterable[R], none: str = "") -> None:
+    """`none` is shown where there are no rows."""
+    if not (rows := list(rows)) and none:
+        empty(none)
+        return
     with ui.element("div").classes("table-scroll"), ui.element("table").classes("data"):
         Text("caption", caption, "visually-hidden")
         with ui.element("thead"), ui.element("tr"):
-            for title, classes in columns:
+            for one in columns:
                 # A header without a word would be read as one.
-                Text("th", title, classes).props('scope="col"') if title else Text("td", "", classes)
+                head = Text("th" if one.title else "td", one.title, one.classes)
+                head.props('scope="col"' if one.title else "")
         with ui.element("tbody"):
             for row in rows:
                 with ui.element("tr"):
-                    for cell, (_, classes) in zip(row, columns, strict=True):
-                        if isinstance(cell, str):
-                            Text("td", cell, classes)
-                        else:
-                            with ui.element("td").classes(classes):
-                                cell()
+                    for one in columns:
+                        with Text("td", "", one.classes) as cell:
+                            if isinstance(said := one.cell(row), str):
+                                cell.set_text(said)
 
 
 def progress_bar(value: float, label: str) -> None:
@@ -216,18 +229,24 @@ def modal(title: str, classes: str = "") -> Iterator[ui.dialog]:
     dialog.on("hide", dialog.delete)
 
 
+def dialog_buttons(
+    dialog: ui.dialog, action: str, on_click: Callable[[], Any], danger: bool = False
+) -> ui.button:
+    """The way back, and the returned button, which does it."""
+    with ui.element("div").classes("dialog-buttons"):
+        ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
+        color = "negative" if danger else "primary"
+        return ui.button(action, on_click=on_click, color=color).props("unelevated")
+
+
 async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, danger: bool = False) -> bool:
     """Ask before money moves or something stops; `lines` say what will happen."""
     with modal(title) as dialog:
         with facts():
             for name, value in lines:
                 fact(name, value, "wrap")
-        with ui.element("div").classes("dialog-buttons"):
-            ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
-            button = ui.button(
-                action, on_click=lambda: dialog.submit(True), color="negative" if danger else "primary"
-            )
-            button.props("unelevated autofocus")
+        button = dialog_buttons(dialog, action, lambda: dialog.submit(True), danger)
+        button.props("autofocus")
     return bool(await dialog)
 
 
@@ -261,10 +280,7 @@ class Field:
 
 
 async def ask_form(
-    title: str,
-    fields: dict[str, Field],
-    action: str,
-    perform: Callable[[dict[str, str]], Awaitable[bool]],
+    title: str, fields: dict[str, Field], action: str, perform: Callable[[dict[str, str]], Awaitable[bool]]
 ) -> None:
     """Ask for a few texts and `perform` with them; the form stays until that succeeds or it is closed."""
     entries: dict[str, Any] = {}
@@ -283,9 +299,7 @@ async def ask_form(
             for name, field in fields.items():
                 entries[name] = field.draw().props("outlined dense").classes("whole")
         next(iter(entries.values())).props("autofocus")
-        with ui.element("div").classes("dialog-buttons"):
-            ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
-            button = ui.button(action, on_click=attempt).props("unelevated")
+        button = dialog_buttons(dialog, action, attempt)
     await dialog
 
 

@@ -20,32 +20,8 @@ from rodeo.person import pace
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.person.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
-from services.console.pages.frame import (
-    Console,
-    act,
-    ask,
-    fail,
-    follow_async,
-    frame,
-    problem_section,
-    stale,
-    time_left,
-    user,
-    when,
-)
-from services.console.pages.widgets import (
-    FileDrop,
-    Section,
-    Text,
-    badge,
-    card,
-    confirm,
-    modal,
-    notice,
-    on_page,
-    task_list,
-    tile,
-)
+from services.console.pages import frame, widgets
+from services.console.pages.frame import Console
 
 SHOWN = 20
 
@@ -53,19 +29,19 @@ SHOWN = 20
 def register(console: Console) -> None:
     @ui.page("/work")
     def work() -> None:
-        with frame(console, "My work", "/work"):
-            person = user()
+        with frame.page(console, "My work", "/work"):
+            person = frame.user()
             if warning := pace.warning(console.site):
-                notice(warning)
+                widgets.notice(warning)
             if not person.has(Role.EXECUTOR, Role.AUDITOR):
-                notice(
+                widgets.notice(
                     "This page is for executors and auditors. Ask an administrator for one of these roles.",
                     bad=True,
                 )
                 return
             if person.has(Role.EXECUTOR):
                 if person.participant is None:
-                    notice("Your account has no participant. An administrator can set one.", bad=True)
+                    widgets.notice("Your account has no participant. An administrator can set one.", bad=True)
                 else:
                     ExecutorDesk(console, person.participant)
             if person.has(Role.AUDITOR):
@@ -78,30 +54,26 @@ class ExecutorDesk:
     def __init__(self, console: Console, participant: str) -> None:
         self._console = console
         self._participant = participant
-        self._problem = problem_section()
+        self._problem = frame.problem_section()
         with ui.element("div").classes("grid tiles"):
             self._balance, self._todo, self._waiting, self._paid = (
-                tile(name, "–") for name in ("my balance", "to do", "waiting for a verdict", "paid tasks")
+                widgets.tile(name, "–")
+                for name in ("my balance", "to do", "waiting for a verdict", "paid tasks")
             )
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), card("To do"):
-                self._assigned = Section(self._draw_assigned).waiting().live()
-            with ui.element("div").classes("stack span-5"), card("Handed in"):
-                self._ended = Section(_draw_ended).waiting().live()
-        self._refresh = follow_async(console, "events", self._load)
+            with ui.element("div").classes("stack span-7"), widgets.card("To do"):
+                self._assigned = widgets.Section(self._draw_assigned).waiting().live()
+            with ui.element("div").classes("stack span-5"), widgets.card("Handed in"):
+                self._ended = widgets.Section(_draw_ended).waiting().live()
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     async def _load(self) -> None:
         mine = partial(self._console.queries.tasks, executor=self._participant)
-        try:
-            todo, total = await ask(mine, SHOWN, state="assigned", order="oldest")
-            ended, _ = await ask(mine, SHOWN, state="submitted,ruled,settled,failed")
-            _, waiting = await ask(mine, 1, state="submitted,ruled")
-            _, paid = await ask(mine, 1, state="settled")
-            wallet = await ask(self._console.queries.ask, queries.WALLET, account=self._participant)
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._problem.show("")
+        todo, total = await frame.ask(mine, SHOWN, state="assigned", order="oldest")
+        ended, _ = await frame.ask(mine, SHOWN, state="submitted,ruled,settled,failed")
+        _, waiting = await frame.ask(mine, 1, state="submitted,ruled")
+        _, paid = await frame.ask(mine, 1, state="settled")
+        wallet = await frame.ask(self._console.queries.ask, queries.WALLET, account=self._participant)
         self._balance.set_text(iec(wallet.balance_iec))
         for shown, number in ((self._todo, total), (self._waiting, waiting), (self._paid, paid)):
             shown.set_text(f"{number:,}")
@@ -117,26 +89,24 @@ class ExecutorDesk:
                 ui.button("Hand in", on_click=partial(self._hand_in, task)).props(
                     f'unelevated dense aria-label="Hand in task {task.id}"'
                 )
-            due = f" · due by {when(task.execution_deadline)}" if task.execution_deadline else ""
-            Text(
-                "span",
-                f"{task.description or 'no description'} · pays {iec(task.price_iec)}{due}",
-                "soft",
+            due = f" · due by {frame.when(task.execution_deadline)}" if task.execution_deadline else ""
+            widgets.Text(
+                "span", f"{task.description or 'no description'} · pays {iec(task.price_iec)}{due}", "soft"
             )
             if task.execution_deadline:
-                time_left(self._console, task.execution_deadline)
+                frame.time_left(self._console, task.execution_deadline)
             if task.nonce:
-                Text("span", f"Show the code {photo_code(task.nonce)} in a photo", "soft")
+                widgets.Text("span", f"Show the code {photo_code(task.nonce)} in a photo", "soft")
 
-        task_list(
+        widgets.task_list(
             tasks, draw, "Nothing is assigned to you. Offer a service, and tasks of its kind come here."
         )
 
-    @on_page
+    @widgets.on_page
     async def _accept(self, task: Task) -> None:
-        await act(self._console, "accept_work", {"task_id": task.id}, f"Task {task.id} is yours to do")
+        await frame.act(self._console, "accept_work", {"task_id": task.id}, f"Task {task.id} is yours to do")
 
-    @on_page
+    @widgets.on_page
     async def _hand_in(self, task: Task) -> None:
         """Ask for note and photos; the form stays until they are handed in or it is closed."""
         photos: list[bytes] = []
@@ -144,9 +114,9 @@ class ExecutorDesk:
         async def take(event: UploadEventArguments) -> None:
             data = await event.file.read()
             try:
-                await ask(check_photo, data)
+                await frame.ask(check_photo, data)
             except RodeoError as error:
-                fail(error)
+                frame.fail(error)
                 return
             photos.append(data)
             added.set_text(f"{count(len(photos), 'photo')} added")
@@ -157,21 +127,24 @@ class ExecutorDesk:
                 ui.notify("Say in a sentence what you did", type="warning")
                 return
             lines = [("Note", text), ("Photos", str(len(photos))), ("After that", "it cannot be changed")]
-            if not await confirm(f"Hand in task {task.id}?", lines, "Seal and hand in"):
+            if not await widgets.confirm(f"Hand in task {task.id}?", lines, "Seal and hand in"):
                 return
             request = {
                 "task_id": task.id,
                 "note": text,
                 "photos": [base64.b64encode(photo).decode() for photo in photos],
             }
-            if await act(self._console, "submit_work", request, f"Task {task.id} is handed in") is not None:
+            if (
+                await frame.act(self._console, "submit_work", request, f"Task {task.id} is handed in")
+                is not None
+            ):
                 dialog.submit(True)
 
-        with modal(f"Hand in task {task.id}") as dialog:
+        with widgets.modal(f"Hand in task {task.id}") as dialog:
             dialog.props("no-backdrop-dismiss")
             note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
             note.style("width: 100%")
-            FileDrop(
+            widgets.FileDrop(
                 "or drop photos here (JPEG or PNG)",
                 "image/jpeg,image/png",
                 multiple=True,
@@ -182,32 +155,30 @@ class ExecutorDesk:
                     f"At most {MAX_PHOTOS} JPEG or PNG pictures of 8 MB", type="warning"
                 ),
             )
-            added = Text("p", "No photo yet", "soft").props('aria-live="polite"')
-            with ui.element("div").classes("dialog-buttons"):
-                ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
-                ui.button("Review", on_click=review).props("unelevated")
+            added = widgets.Text("p", "No photo yet", "soft").props('aria-live="polite"')
+            widgets.dialog_buttons(dialog, "Review", review)
         await dialog
 
 
 def _draw_ended(tasks: list[Task]) -> None:
     def draw(task: Task) -> None:
         verdict = task.verdict or ""
-        badge(WORDS.get(verdict, verdict) or task.state)
+        widgets.badge(WORDS.get(verdict, verdict) or task.state)
         by_people = is_peoples_verdict(task)
         said = verdict_words(verdict, task.reason, None, by_people, task.fault)
         if task.state == "settled":
-            said = f"paid {iec(task.paid_iec)} on {when(task.settled)} · {said}"
+            said = f"paid {iec(task.paid_iec)} on {frame.when(task.settled)} · {said}"
         elif task.standing is not None:
-            said = standing_words(task, iec(task.standing.amount_iec), when(task.standing.until))
-        Text("span", said or "waiting for the ruling", "soft")
+            said = standing_words(task, iec(task.standing.amount_iec), frame.when(task.standing.until))
+        widgets.Text("span", said or "waiting for the ruling", "soft")
 
-    task_list(tasks, draw, "You have submitted nothing yet.")
+    widgets.task_list(tasks, draw, "You have submitted nothing yet.")
 
 
 def _due(task: Task) -> str:
     if task.standing is not None:
-        return f" · {standing_words(task, iec(task.standing.amount_iec), when(task.standing.until))}"
-    return f" · ruling due by {when(task.verdict_deadline)}" if task.verdict_deadline else ""
+        return f" · {standing_words(task, iec(task.standing.amount_iec), frame.when(task.standing.until))}"
+    return f" · ruling due by {frame.when(task.verdict_deadline)}" if task.verdict_deadline else ""
 
 
 class AuditorDesk:
@@ -216,19 +187,14 @@ class AuditorDesk:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = problem_section()
-        with card("To judge"):
-            self._waiting = Section(self._draw).waiting().live()
-        self._refresh = follow_async(console, "events", self._load)
+        self._problem = frame.problem_section()
+        with widgets.card("To judge"):
+            self._waiting = widgets.Section(self._draw).waiting().live()
+        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     async def _load(self) -> None:
         tasks = self._console.queries.tasks
-        try:
-            live, _ = await ask(tasks, queries.MAX_PAGE, state="submitted,ruled", order="oldest")
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._problem.show("")
+        live, _ = await frame.ask(tasks, queries.MAX_PAGE, state="submitted,ruled", order="oldest")
         waiting = [one for one in live if one.judge == "auditor" or one.passed_on or one.judge_removed]
         self._waiting.show(waiting[:SHOWN])
 
@@ -238,13 +204,13 @@ class AuditorDesk:
                 f'unelevated dense aria-label="Judge task {task.id}"'
             )
             who = f"{task.executor_name or task.executor} for {iec(task.price_iec)}"
-            Text("span", f"{who}{_due(task)}", "soft")
+            widgets.Text("span", f"{who}{_due(task)}", "soft")
             if (ends_s := running_out_s(task)) is not None:
-                time_left(self._console, ends_s)
+                frame.time_left(self._console, ends_s)
 
-        task_list(tasks, draw, "No proof waits for an auditor.")
+        widgets.task_list(tasks, draw, "No proof waits for an auditor.")
 
-    @on_page
+    @widgets.on_page
     async def _open(self, task: Task) -> None:
         """Show the evidence and ask for a verdict; the form stays until it is given or it is closed."""
         statement, known = await self._evidence(task)
@@ -252,15 +218,15 @@ class AuditorDesk:
         async def answer() -> None:
             if (request := await _confirmed(task, *(one.value for one in inputs))) is None:
                 return
-            if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
+            if await frame.act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
                 dialog.submit(True)
 
-        with modal(f"Judge task {task.id}", "broad") as dialog:
+        with widgets.modal(f"Judge task {task.id}", "broad") as dialog:
             dialog.props("no-backdrop-dismiss")
-            Text("p", task.description or kind(task.kind), "wrap")
+            widgets.Text("p", task.description or kind(task.kind), "wrap")
             if task.standing is not None:
                 stands = _due(task).removeprefix(" · ")
-                notice(f"{stands[:1].upper()}{stands[1:]}.")
+                widgets.notice(f"{stands[:1].upper()}{stands[1:]}.")
             _draw_evidence(statement, known)
             ruling = ui.select(MEANINGS, value="accepted", label="Ruling").props("outlined dense")
             fault = ui.select({**FAULTS}, value="nobody", label="Whose doing it is").props("outlined dense")
@@ -271,9 +237,7 @@ class AuditorDesk:
                 one.style("width: 100%")
             fault.bind_visibility_from(ruling, "value", value="void")
             amount.bind_visibility_from(ruling, "value", value="accepted")
-            with ui.element("div").classes("dialog-buttons"):
-                ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
-                ui.button("Rule", on_click=answer).props("unelevated")
+            widgets.dialog_buttons(dialog, "Rule", answer)
         await dialog
 
     async def _evidence(self, task: Task) -> tuple[Statement | None, list[str]]:
@@ -281,23 +245,23 @@ class AuditorDesk:
         if not self._console.kinds.by_people(task.kind):
             return None, []
         try:
-            statement = await ask(self._console.queries.statement, task)
+            statement = await frame.ask(self._console.queries.statement, task)
         except RodeoError as error:
-            fail(error)
+            frame.fail(error)
             return None, []
         if statement is None:
             return None, []
         try:
-            return statement, (await ask(self._console.queries.review, task)).lines()
+            return statement, (await frame.ask(self._console.queries.review, task)).lines()
         except RodeoError as error:
             return statement, [f"Cannot load the proof's details: {explain(error)}"]
 
 
 def _draw_evidence(statement: Statement | None, known: list[str]) -> None:
     if statement is None:
-        notice("The proof holds no statement to show. The task's page has the recording.")
+        widgets.notice("The proof holds no statement to show. The task's page has the recording.")
     else:
-        Text("p", f"“{statement.note}”", "wrap")
+        widgets.Text("p", f"“{statement.note}”", "wrap")
         for number, photo in enumerate(statement.photos, start=1):
             source = f"data:image/{photo_format(photo)};base64,{base64.b64encode(photo).decode()}"
             image = ui.element("img").props(f'alt="Photo {number} of the work"')
@@ -305,7 +269,7 @@ def _draw_evidence(statement: Statement | None, known: list[str]) -> None:
             image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
     with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
         for line in known:
-            Text("li", line, "soft wrap")
+            widgets.Text("li", line, "soft wrap")
 
 
 async def _confirmed(
@@ -327,7 +291,7 @@ async def _confirmed(
     ]
     if said == "void":
         lines.insert(2, ("Whose doing", FAULTS[fault]))
-    if not await confirm("Rule on this work?", lines, "Rule", danger=not accepted):
+    if not await widgets.confirm("Rule on this work?", lines, "Rule", danger=not accepted):
         return None
     request: dict[str, object] = {"task_id": task.id, "ruling": said, "reason": text}
     request |= {"fault": fault} if said == "void" else {}
