@@ -210,13 +210,13 @@ def _draw_judges(organization: queries.Organization) -> None:
     if seated:
         with ui.element("div").classes("grid"):
             for one in seated:
-                with ui.element("div").classes("span-4"):
+                with ui.element("div").classes("span-6"):
                     _draw_bench(*one)
 
 
 def _draw_bench(caption: str, title: str, bench: queries.Organization | queries.Committee) -> None:
     columns: widgets.Columns[queries.Judge] = (
-        widgets.Column(title, _judge, "wrap"),
+        widgets.Column(title, _judge),
         widgets.Column("Stake", lambda one: _stake(one, bench.stake_needed(one)), "number"),
         widgets.Column("Key", lambda one: widgets.hash_text(one.key), "wide-only"),
     )

@@ -160,7 +160,7 @@ class TaskPage:
         if attempt.proof_sha256 is None:
             return
         if is_shown:
-            widgets.Text("span", "shown below", "soft")
+            widgets.Text("span", "shown below", "soft wide-only")
             return
         ui.button("Show", on_click=partial(self._choose, attempt.number)).props(
             f'flat dense aria-label="Show proof and report of attempt {attempt.number}"'

@@ -98,11 +98,11 @@ class TreasuryPage:
             self._chart = ui.echart(_options([], [])).style("height: 320px; width: 100%")
             self._chart.props('role="img" aria-label="Balance over time; the table below has every transfer"')
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), widgets.card("Transfers") as head:
+            with ui.element("div").classes("stack span-8"), widgets.card("Transfers") as head:
                 with head:
                     self._csv = ui.button("CSV", icon="download").props("flat dense")
                 self._rows = widgets.Section(self._draw_rows).waiting()
-            with ui.element("div").classes("stack span-5"), widgets.card("Tariffs"):
+            with ui.element("div").classes("stack span-4"), widgets.card("Tariffs"):
                 _draw_tariffs(console)
         Earnings(console)
         self._refresh = frame.follow_async(console, "events", self._load, self._problem)
@@ -198,8 +198,8 @@ def _draw_tariffs(console: Console) -> None:
 
 _EARNINGS: widgets.Columns[Line] = (
     widgets.Column("Week from", lambda one: one.week, "wide-only"),
-    widgets.Column("Who", lambda one: party(one.participant, one.participant), "wrap"),
-    widgets.Column("Kind of work", lambda one: one.kind.replace("_", " "), "wrap"),
+    widgets.Column("Who", lambda one: party(one.participant, one.participant)),
+    widgets.Column("Kind of work", lambda one: one.kind.replace("_", " "), "wrap wide-only"),
     widgets.Column("Done", lambda one: str(one.done), "number wide-only"),
     widgets.Column("Earned", lambda one: iec(one.earned_iec), "number"),
     widgets.Column("Bought", lambda one: str(one.bought), "number wide-only"),
