@@ -16,8 +16,7 @@ FUTURE_S = time.time() + 3600
     [
         (
             3.0,
-            "3 min of site time left, 1 min on the wall clock "
-            "at the present speed (3 times real time)",
+            "3 min of site time left, 1 min on the wall clock at the present speed (3 times real time)",
         ),
         (1.0, "3 min left"),
         (0.0, "3 min of site time left; the site's clock is stopped"),
