@@ -87,12 +87,19 @@ class Tasks(Reader):
         conditions = [tasks[name] == value for name, value in filters.items()]
         if states:
             conditions.append(tasks.state.in_(states))
-        if text:
-            texts = schema.texts.c
-            found = select(texts.task_id).where(texts.text.contains(text.lower(), autoescape=True))
-            conditions.append(tasks.id.in_(found))
         order = tasks.id.desc() if newest_first else tasks.id
-        return self.page(schema.tasks, conditions, page, order)
+        if not text:
+            return self.page(schema.tasks, conditions, page, order)
+        texts = schema.texts.c
+        said = texts.text.contains(text.lower(), autoescape=True)
+        if conditions:
+            found = select(texts.task_id).where(said)
+            return self.page(schema.tasks, [*conditions, tasks.id.in_(found)], page, order)
+        # Both the count and the page are known without the tasks.
+        own = texts.task_id.desc() if newest_first else texts.task_id
+        named, total = self.page(schema.texts, [said], page, own)
+        wanted = tasks.id.in_([one["task_id"] for one in named])
+        return self.rows(select(schema.tasks).where(wanted).order_by(order)), total
 
     def get(self, task_id: int) -> Row | None:
         return self.first(select(schema.tasks).where(schema.tasks.c.id == task_id))
