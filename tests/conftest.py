@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+import zenoh
 
+from rodeo.bus.session import zenoh_config
 from tests.support.nursery import Nursery
-from tests.support.site import NewSite, RunningSite, write_site
+from tests.support.site import NewSite, RunningSite, free_port, write_site
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -62,6 +65,16 @@ def nursery(request: pytest.FixtureRequest) -> Iterator[None]:
 def new_site(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> NewSite:
     """A site file in a folder of its own, with the given TOML."""
     return lambda extra="": write_site(tmp_path_factory.mktemp("site"), chain_backend, extra)
+
+
+@pytest.fixture
+def connect() -> Iterator[Callable[[], zenoh.Session]]:
+    """Opens sessions on a router of the test's own."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
+    with ExitStack() as sessions:
+        yield lambda: sessions.enter_context(zenoh.open(zenoh_config("client", connect=[endpoint])))
+    router.close()
 
 
 @pytest.fixture

@@ -6,17 +6,14 @@ import ast
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from rodeo.bus.messages import DaoEvent
-from rodeo.bus.session import DaoEvents
 from rodeo.host.instance import PARENT_VARIABLE
-from rodeo_testing.waiting import HANG_S
+from tests.support.live import LiveDao
 from tests.support.site import NewSite, RunningSite
 
 pytestmark = pytest.mark.long
@@ -52,23 +49,5 @@ def running(new_site: NewSite) -> Iterator[RunningSite]:
 
 
 def test_a_robot_is_paid_on_the_word_of_a_bin_of_another_make(running: RunningSite) -> None:
-    ended = threading.Event()
-    events: list[DaoEvent] = []
-
-    def on_event(event: DaoEvent) -> None:
-        events.append(event)
-        if event.name in ("TaskSettled", "TaskRequeued", "TaskFailed"):
-            ended.set()
-
-    dao = DaoEvents(running.bus, running.site.org, on_event)
-    item = running.site.items[0]
-    params: dict[str, Any] = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
-    key = f"rodeo/{running.site.org}/wallet/organization/register_task"
-    running.bus.query(
-        key, {"kind": "waste_disposal", "reward_iec": "100", "params": params}, timeout_s=HANG_S
-    )
-    came = ended.wait(HANG_S)
-    dao.close()
-    names = [event.name for event in events]
-    why = f"{names}\n{running.log('itrash')}\n{running.log('robot_agent')}\n{running.log('oracle')}"
-    assert came and "TaskSettled" in names, why
+    with closing(LiveDao(running)) as organization:
+        organization.wait_for_event("TaskSettled", organization.clean(running.site.items[0].id))

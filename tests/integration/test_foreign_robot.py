@@ -7,20 +7,15 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from rodeo.bus.messages import DaoEvent
-from rodeo.bus.session import DaoEvents
 from rodeo.host.instance import PARENT_VARIABLE
 from rodeo.lab.items import shape_of
 from rodeo.lab.world import robot_model
-from rodeo_testing.waiting import HANG_S
 from services.robot_sim.urdf import to_urdf
 from tests.support.live import LiveDao
 from tests.support.site import RunningSite, write_site
@@ -135,27 +130,10 @@ def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
 
 
 def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite) -> None:
-    ended = threading.Event()
-    events: list[DaoEvent] = []
-
-    def on_event(event: DaoEvent) -> None:
-        events.append(event)
-        if event.name in ("TaskSettled", "TaskRequeued", "TaskFailed"):
-            ended.set()
-
-    dao = DaoEvents(running.bus, running.site.org, on_event)
     item = running.site.items[0]
-    params: dict[str, Any] = {"item_id": item.id, "x_m": item.pose.x_m + 0.1, "y_m": item.pose.y_m - 0.1}
-    key = f"rodeo/{running.site.org}/wallet/organization/register_task"
-    running.bus.query(
-        key, {"kind": "waste_disposal", "reward_iec": "100", "params": params}, timeout_s=HANG_S
-    )
-    came = ended.wait(HANG_S)
-    dao.close()
-    foreign = (running.site.data_dir / "foreign.log").read_text()[-2000:]
-    names = [event.name for event in events]
-    why = f"{names}\n{running.log('robot_agent')}\n{running.log('oracle')}\n{foreign}"
-    assert came and "TaskSettled" in names, why
+    params = {"item_id": item.id, "x_m": item.pose.x_m + 0.1, "y_m": item.pose.y_m - 0.1}
+    with closing(LiveDao(running)) as organization:
+        organization.wait_for_event("TaskSettled", organization.clean(item.id, params=params))
 
 
 def test_one_of_ours_works_beside_it_on_a_clock_that_waits_for_minds_and_jumps_where_nobody_works(

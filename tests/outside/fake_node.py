@@ -7,8 +7,7 @@ import json
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from eth_account import Account
 from eth_account.typed_transactions import TypedTransaction
@@ -17,6 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from deploy.chain.errors import ExecutionReverted, RpcError
 from rodeo.text.strict_json import Json
+from tests.support.bad_answers import LoopbackServer, QuietHandler
 
 Answer = Callable[[str, Sequence[Any]], Any]
 
@@ -94,7 +94,7 @@ class _Refused(Exception):
 
 
 @dataclass
-class FakeNode:
+class FakeNode(LoopbackServer):
     """Serves `answer` over HTTP with `habits` while the context is open; each has an address of its own."""
 
     answer: Answer
@@ -107,10 +107,8 @@ class FakeNode:
         self._lock = threading.Lock()
         node = self
 
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def do_POST(self) -> None:
+        class Handler(QuietHandler):
+            def do_POST(self) -> None:  # noqa: N802 - the name that http.server calls
                 payload = json.loads(self.rfile.read(int(self.headers["content-length"])))
                 try:
                     with node._lock:
@@ -130,21 +128,7 @@ class FakeNode:
                 self.end_headers()
                 self.wfile.write(data)
 
-            def log_message(self, *_args: Any) -> None:
-                """Quiet."""
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._server.daemon_threads = True
-        self.url = f"http://127.0.0.1:{self._server.server_port}"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
+        self.serve(Handler)
 
     # -- one HTTP request ----------------------------------------------------------------------------------
 

@@ -169,7 +169,32 @@ BAD_BODIES: dict[str, Callable[[Any], Reply]] = {
 """What is wrong -> the whole answer, made of the good one."""
 
 
-class BadNode:
+class QuietHandler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, *_args: Any) -> None:
+        """Quiet."""
+
+
+class LoopbackServer:
+    """Serves HTTP on a port of its own while the context is open."""
+
+    def serve(self, handler: type[BaseHTTPRequestHandler]) -> None:
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self._server.daemon_threads = True
+        self.url = f"http://127.0.0.1:{self._server.server_port}"
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class BadNode(LoopbackServer):
     """An HTTP server that gives `answer(payload, good)` to each POST, where `good` is what a good node
     answers; None: exactly that. `good_node` answers a payload."""
 
@@ -179,9 +204,7 @@ class BadNode:
         self.headers: list[Mapping[str, str]] = []
         node = self
 
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
+        class Handler(QuietHandler):
             def do_POST(self) -> None:
                 payload = json.loads(self.rfile.read(int(self.headers["content-length"])))
                 node.asked.append(payload)
@@ -195,18 +218,4 @@ class BadNode:
                 self.end_headers()
                 self.wfile.write(reply.body)
 
-            def log_message(self, *_args: Any) -> None:
-                """Quiet."""
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._server.daemon_threads = True
-        self.url = f"http://127.0.0.1:{self._server.server_port}"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
+        self.serve(Handler)

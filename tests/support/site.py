@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -63,6 +64,27 @@ console.port = {free_port()}
 {extra}
 """
     )
+    return path
+
+
+REAL = """
+clock.source = "wall"
+chain.secret_file = "node-key"
+bus.router = "tls/192.168.1.10:7447"
+[[docks]]
+name = "charger"
+pose = { x_m = 3.75, y_m = 2.0 }
+meter = { source = "modbus", address = "rtu:///dev/ttyUSB0" }
+"""
+
+
+def write_real_site(folder: Path, keys: str) -> Path:
+    """A site of real devices on somebody's chain, in a new `folder`; `keys` are dotted ones."""
+    folder.mkdir()
+    (folder / "node-key").write_text("the provider's key\n")
+    path = write_site(folder, "external", keys + REAL)
+    url = 'chain.url = "https://node.example/v3/{secret}"'
+    path.write_text(re.sub("chain.url = .*", url, path.read_text()))
     return path
 
 

@@ -3,37 +3,20 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 import zenoh
 
-from rodeo.bus.session import zenoh_config
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.runtime.serving import Claim, Holder, Rival, Thing, served_by
 from rodeo.site.config import Site
 from rodeo.site.sections import OtherBridgeConfig, RosConfig
 from rodeo_testing.waiting import HANG_S
-from tests.support.site import LAB, free_port
+from tests.support.site import LAB
 
 PANTHER1, PANTHER2 = Thing("wallet", "panther1"), Thing("wallet", "panther2")
 NEVER = threading.Event()
-
-
-@pytest.fixture
-def connect() -> Iterator[Callable[[], zenoh.Session]]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
-    sessions = []
-
-    def make() -> zenoh.Session:
-        sessions.append(zenoh.open(zenoh_config("client", connect=[endpoint])))
-        return sessions[-1]
-
-    yield make
-    for session in sessions:
-        session.close()
-    router.close()
 
 
 def claim(session: zenoh.Session, since: int, *things: Thing) -> Claim:

@@ -18,23 +18,12 @@ from rodeo.site.config import Site
 from rodeo.site.processes import processes_of
 from rodeo_cli import app
 from tests.support.extras import PROJECT
-from tests.support.site import LAB, write_site
+from tests.support.site import LAB, write_real_site, write_site
 
 SCHEMA = json.loads(
     (files("check_jsonschema") / "builtin_schemas" / "vendor" / "compose-spec.json").read_text()
 )
 """The Compose Specification's own."""
-REAL = """
-clock.source = "wall"
-chain.secret_file = "node-key"
-store.url = "s3://bucket/store"
-bus.router = "tls/192.168.1.10:7447"
-metrics.ports.charger = 9999
-[[docks]]
-name = "charger"
-pose = { x_m = 3.75, y_m = 2.0 }
-meter = { source = "modbus", address = "rtu:///dev/ttyUSB0" }
-"""
 
 
 def written(path: Path) -> dict[str, str]:
@@ -49,14 +38,9 @@ def composed(path: Path) -> dict[str, Any]:
 @pytest.fixture
 def real(tmp_path: Path) -> Path:
     """A site of real devices on somebody's chain, in a folder whose name compose would fill in."""
-    folder = tmp_path / "lab: $HOME"
-    folder.mkdir()
-    (folder / "node-key").write_text("the provider's key\n")
-    path = write_site(folder, "external", REAL)
-    path.write_text(
-        re.sub("chain.url = .*", 'chain.url = "https://node.example/v3/{secret}"', path.read_text())
+    return write_real_site(
+        tmp_path / "lab: $HOME", 'store.url = "s3://bucket/store"\nmetrics.ports.charger = 9999'
     )
-    return path
 
 
 def test_the_schema_of_compose_accepts_the_file_and_refuses_a_misspelt_one(real: Path) -> None:

@@ -21,20 +21,9 @@ from rodeo.site.config import Site
 from rodeo.site.processes import processes_of
 from rodeo_cli import app
 from rodeo_testing.waiting import HANG_S
-from tests.support.site import LAB, write_site
+from tests.support.site import LAB, write_real_site, write_site
 from tests.support.units import settings, started
 
-REAL = """
-clock.source = "wall"
-bus.router = "tls/192.168.1.10:7447"
-chain.secret_file = "node-key"
-mocap.source = "natnet"
-mocap.address = "192.168.1.5"
-[[docks]]
-name = "charger"
-pose = { x_m = 3.75, y_m = 2.0 }
-meter = { source = "modbus", address = "rtu:///dev/ttyUSB0" }
-"""
 analyzed = pytest.mark.skipif(
     shutil.which("systemd-analyze") is None, reason="systemd-analyze is missing: make system"
 )
@@ -52,14 +41,9 @@ def unit(found: dict[str, str], process: str) -> str:
 @pytest.fixture
 def real(tmp_path: Path) -> Path:
     """A site of which all devices are real, on somebody's chain, in a folder with blanks and signs."""
-    folder = tmp_path / "our lab, 100 % $HOME"
-    folder.mkdir()
-    (folder / "node-key").write_text("the provider's key\n")
-    path = write_site(folder, "external", REAL)
-    path.write_text(
-        re.sub("chain.url = .*", 'chain.url = "https://node.example/v3/{secret}"', path.read_text())
+    return write_real_site(
+        tmp_path / "our lab, 100 % $HOME", 'mocap.source = "natnet"\nmocap.address = "192.168.1.5"'
     )
-    return path
 
 
 def test_there_is_a_unit_for_each_process_and_a_target_for_all() -> None:

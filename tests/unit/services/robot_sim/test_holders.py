@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
@@ -13,7 +13,7 @@ import zenoh
 
 from rodeo.bus.holding import EVERYBODY
 from rodeo.bus.receiving import direct
-from rodeo.bus.session import Bus, zenoh_config
+from rodeo.bus.session import Bus
 from rodeo.ros2.node import Node
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
@@ -27,7 +27,7 @@ from services.robot_sim import standstill as standstill_module
 from services.robot_sim.holders import Holders
 from services.robot_sim.roster import NEVER_NS, Session
 from services.robot_sim.standstill import LONG_S
-from tests.support.site import LAB, free_port
+from tests.support.site import LAB
 
 NEVER = threading.Event()
 BLOCK = zenoh.CongestionControl.BLOCK
@@ -125,22 +125,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def site() -> Site:
     return Site.load(LAB)
-
-
-@pytest.fixture
-def connect() -> Iterator[Callable[[], zenoh.Session]]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
-    sessions = []
-
-    def make() -> zenoh.Session:
-        sessions.append(zenoh.open(zenoh_config("client", connect=[endpoint])))
-        return sessions[-1]
-
-    yield make
-    for session in sessions:
-        session.close()
-    router.close()
 
 
 @pytest.fixture

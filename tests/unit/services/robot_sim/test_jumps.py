@@ -17,10 +17,8 @@ from services.robot_sim import holders as holders_module
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import PERIOD_NS
 from tests.support.site import LAB
-from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator, connect
-from tests.unit.services.robot_sim.test_loop import Nothing
-
-__all__ = ["connect"]
+from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator
+from tests.unit.services.robot_sim.test_loop import Nothing, World
 
 SECOND_NS = 1_000_000_000
 AFTER_S = {
@@ -32,29 +30,6 @@ AFTER_S = {
     "arrivals": [0.01, 1234.567, 8 * 3600.0],
 }
 """When each has something to do, seconds after the start."""
-
-
-class Empty:
-    """A world in which nothing moves."""
-
-    still, parked = True, False
-
-    def __init__(self, begin_ns: int) -> None:
-        self.time_ns = begin_ns
-        self.stepped = self.skipped = 0
-
-    def step(self) -> None:
-        self.time_ns += PERIOD_NS
-        self.stepped += 1
-
-    def skip(self, lasted_ns: int) -> None:
-        self.time_ns += lasted_ns
-        self.skipped += 1
-
-    def row(self) -> None:
-        pass
-
-    halt = row
 
 
 @pytest.fixture
@@ -73,7 +48,7 @@ def test_every_process_wakes_at_each_of_its_times_and_the_clock_stops_nowhere_el
     monkeypatch.setattr(holders_module, "_BEGIN_S", HANG_S)  # a busy machine is late, and nobody is left out
     simulator = Simulator(connect(), site, connect())
     begin_ns = simulator.now_ns_
-    world, stop = Empty(begin_ns), threading.Event()
+    world, stop = World(begin_ns, parked=False), threading.Event()
     loop = Loop(world, Nothing(), site.clock, stop)  # type: ignore[arg-type]
     loop.holders, loop.tell_time = simulator.holders, lambda time_ns: tell(simulator, time_ns)
     simulator.wake = loop.wake

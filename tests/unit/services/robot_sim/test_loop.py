@@ -24,11 +24,12 @@ WALL_S = 1.5
 
 
 class World:
-    """A parked robot that charges, and nothing else."""
+    """A robot that charges, or only stands there, and nothing else."""
 
-    def __init__(self) -> None:
-        self.parked = self.still = True
-        self.time_ns = 0
+    still = True
+
+    def __init__(self, begin_ns: int = 0, parked: bool = True) -> None:
+        self.time_ns, self.parked = begin_ns, parked
         self.skipped = self.stepped = 0
 
     def step(self) -> None:
