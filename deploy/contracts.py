@@ -533,7 +533,7 @@ def _roles_to_grant(
     happened = (log.event for log in client.history([client.organization]))
     revoked = {(one.role, one.account) for one in happened if isinstance(one, RoleRevoked)}
     for role, account in missing:
-        # The organization's own contracts have no key. Which of them judges is for the site file to say.
+        # The organization's own contracts have no key. The site file decides which of them judges.
         if (role, account) not in revoked or account in client.deployment.contracts.values():
             yield role, account
             continue
@@ -585,7 +585,7 @@ def _missing_kind(
         if not rules.allowed or there != judge:
             yield calls.allow_kind(kind, judge, bytes(32))
         return
-    # A judge without these has no terms to say, and is refused.
+    # The contracts refuse a judge that has no terms.
     if site.oracles:
         yield from _missing_judges(site, client, kind)
     if site.disputes is not None:

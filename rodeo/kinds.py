@@ -126,9 +126,10 @@ class Kind:
     execution_window_s: int = EXECUTION_WINDOW_S
     """Execution window if the task sets none, site time."""
     min_window_s: int = MIN_WINDOW_S
-    """The shortest that a task may have: in less the work cannot be done. Never more than the default."""
+    """The shortest execution window of a task: the work takes this long. Never more than the default."""
     max_window_s: int = MAX_WINDOW_S
-    """The longest: it keeps the reward from everybody else. Never less than the default."""
+    """The longest execution window, because nobody else can earn the reward meanwhile. Never less than the
+    default."""
     grace_s: int = 0
     """How long an executor may give a task back, see `grace_period_s`. 0: three minutes, or as long as the
     contracts allow if people do the work: they have to accept it in this time."""

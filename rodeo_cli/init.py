@@ -81,8 +81,8 @@ def init(
 
 
 def _loaded(text: str) -> Site:
-    """The site before its file is written: what is no site must not stand in the way of the next try. Raises
-    InvalidRequest."""
+    """The site that `text` describes, before its file is written: an invalid file would block the next try.
+    Raises InvalidRequest."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / SITE_FILE
         path.write_text(text)

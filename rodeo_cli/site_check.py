@@ -206,9 +206,8 @@ def _demo(site: Site) -> Iterator[tuple[Place, str]]:
 
 
 def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
-    """Where the wallets are spread over several bridges, but those that check each other are together. That
-    they are on one of [[bridges]] is refused (`rodeo.site.faults`); they stay with the site's own because
-    each of those is a robot's or another participant's."""
+    """Warn if wallets are spread over several bridges while those that check each other share the site's own
+    bridge. If they share one of [[bridges]], the site file is refused (`rodeo.site.faults`)."""
     together = {"organization", ORACLE} <= set(bridge_wallets(site)[BRIDGE])
     if site.bridges and together and not site.oracles:
         yield ("bridges",), ONE_HOST.format("the site's own bridge")

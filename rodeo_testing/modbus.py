@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import struct
 import threading
-from types import TracebackType
 from typing import Any, Self
 
 from pymodbus.constants import ExcCodes
@@ -70,9 +69,7 @@ class Panel:
         self._serving.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_raised: object) -> None:
         self._serving.stop()
 
     def _devices(self) -> list[SimDevice]:

@@ -153,7 +153,7 @@ class Submission:
 
 @dataclass(frozen=True)
 class Spent:
-    """An act that was paid for before, or that another proof claims that has a ruling already."""
+    """An act that was paid for before, or that another proof with a ruling claims."""
 
     act: str
     by: Submission

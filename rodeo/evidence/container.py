@@ -44,7 +44,8 @@ _LENGTH = struct.Struct("<Q")
 _ENCODINGS = {"json": None, "cdr": "ros2msg"}
 """Message encoding -> schema encoding; JSON channels have no schema."""
 _MOST_RECORDS = 2_000_000
-"""That are counted before the first chunk is decompressed; more are counted as they are read."""
+"""Most records that are counted before the first chunk is decompressed; further ones are counted as they are
+read."""
 _FORGOTTEN_BYTES = 16 * 1024**2
 """Read from the mapped file between two times that it is dropped from memory."""
 _ZSTD_WINDOW_BYTES = 8 * 1024**2

@@ -50,7 +50,7 @@ class Currency:
             raise InvalidAmount("not an amount", amount=str(amount))
         if amount and amount.adjusted() + self.decimals >= _DIGITS:
             raise InvalidAmount("more than a contract can count", amount=str(amount))
-        # More digits than the greatest amount has, so that what does not fit is finer than the smallest unit.
+        # With more digits than the largest amount has, only amounts finer than the smallest unit are inexact.
         with localcontext(prec=100) as context:
             context.traps[Inexact] = True
             try:

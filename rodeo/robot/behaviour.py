@@ -124,8 +124,8 @@ class Behaviour(ABC):
     """
 
     needs_arm = True
-    """Whether a robot without an arm cannot do it. Work that only drives says False, and asks nothing of the
-    body that moves arm or fingers."""
+    """Whether the work needs an arm. Work that only drives sets it to False, and calls no method of the body
+    that moves arm or fingers."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

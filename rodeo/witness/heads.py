@@ -66,7 +66,7 @@ class _Device:
             self.statements = newest
             return
         if chain not in self.recordings and len(self.recordings) >= RECORDINGS:
-            # Of recordings of one time the last one counts, and nobody brings back an earlier one.
+            # The latest recording counts; an earlier one cannot come back.
             oldest = min(self.recordings, key=lambda one: self.recordings[one].time_ns)
             self.dropped_ns = max(self.dropped_ns, self.recordings.pop(oldest).time_ns)
         self.recordings[chain] = newest

@@ -76,7 +76,7 @@ def unpack(text: str) -> tuple[Array, Array, Array]:
 
 
 def unpack_all(texts: Sequence[str]) -> list[tuple[Array, Array, Array]]:
-    """The same of each of several tracks, at once: one by one most of the time goes into small arrays."""
+    """Unpack several tracks at once, because single ones cost most of their time in small arrays."""
     if not texts:
         return []
     parts = [_raw(text) for text in texts]

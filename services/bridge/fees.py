@@ -11,8 +11,8 @@ from rodeo.site.sections import WalletLimits
 from services.bridge.errors import FeeTooHigh
 
 GAS_MARGIN = 1.25
-"""Gas that a transaction is offered, as a multiple of the estimate, which another one may outdate before this
-one is mined."""
+"""Gas limit of a transaction, as a multiple of the estimate: another transaction may be mined before it, and
+change what it needs."""
 
 GAS_HEADROOM = 300_000
 """Gas beyond that, as far as the limits have room for it: after a transaction in between, this one may make

@@ -45,8 +45,8 @@ class Update(NamedTuple):
 def due_updates(
     index: Index, here: Mapping[str, str], can_do: Callable[[str, str], bool], now_s: float
 ) -> tuple[list[Update], float | None]:
-    """What `here` (address -> name) send now, and when the next is due. `can_do(name, kind)`: whether a
-    participant can do such work."""
+    """Updates that the participants `here` (address -> name) send now, and the time at which the next one is
+    due. `can_do(name, kind)`: whether a participant can do such work."""
     providers, engaged = index.services.providers(), index.services.engaged()
     due: list[Update] = []
     ends_s: list[float] = []

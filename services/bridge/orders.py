@@ -86,7 +86,8 @@ class Job:
     due_s: float = 0.0
     """When its outcome is looked up next."""
     held_until_s: float | None = None
-    """Until when it waits for its task to be assigned as it was; it is not sent before."""
+    """Time until which it waits for its task to have the same assignment again; it is not sent before
+    that."""
     undone: bool = False
     """It was mined before, in a block that a reorganization took away."""
     trouble: ChainError | None = None

@@ -26,8 +26,8 @@ FIRST_LOOK_S = 0.25
 """Wall time after which one is looked for that no event told of: one that failed has none."""
 
 _ATTEMPTS = 8
-"""Times that a transaction is made whose fee the node refuses: where it does not say how much it wants, it is
-offered twice as much each time, up to the wallet's limits."""
+"""Attempts at a transaction whose fee the node refuses. If the node names no fee, each attempt offers twice
+as much, up to the wallet's limits."""
 
 _NONCES = 20
 """Times that a transaction is made whose nonce goes to another of its wallet. Two bridges that send with one

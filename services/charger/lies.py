@@ -25,7 +25,7 @@ from rodeo.charging.orders import REACHED_SHARE
 from rodeo.errors import RodeoError
 
 OPENS_S = 3.0
-"""A contactor has opened after so long, and the meter's filter shows it."""
+"""Time after which a contactor has opened and the meter's filter shows it."""
 _SHARE = 2.5 * METER_CLASS
 """By how much power, added up once a second, and register may differ: both are of the same meter, but the
 power changes between two readings."""

@@ -33,7 +33,7 @@ from rodeo.site import topics
 from services.charger.lies import MeterLie, RegisterLie, Shown, Watch, WrongMeter
 
 log = logging.getLogger(__name__)
-# What it says with each lost request, `MeterAway` says once.
+# It logs each lost request; `MeterAway` reports them once.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 PERIOD_S = 1.0

@@ -126,8 +126,8 @@ class Corrections:
         classes: Collection[str],
         auditors: Mapping[str, str],
     ) -> None:
-        """Keep an auditor's correction (`read_correction`) of `classification`, which has these pictures by
-        their hashes, the corrected one among them.
+        """Keep an auditor's correction (`read_correction`) of `classification`. `pictures` holds the
+        classified pictures by hash, including the corrected one.
 
         `auditors` are names by lower-case address.
 

@@ -278,7 +278,7 @@ class Votes:
             held.due_s = time.monotonic() + _FIRST_S + self._turn_s(agreed)
 
     def _turn_s(self, agreed: Mapping[str, str]) -> float:
-        """How long this oracle leaves the votes to others."""
+        """Wall time for which this oracle lets others post the votes."""
         return TURN_S * (sorted(agreed).index(self._name) if self._name in agreed else len(agreed))
 
     def due(self) -> list[Key]:

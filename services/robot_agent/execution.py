@@ -228,7 +228,7 @@ class Records:
         self._room.seal_interrupted(attempt)
 
     def _is_unproven(self, failed: AgentError) -> bool:
-        """Whether others failed, and nobody signed that: nothing lay there, as no motion capture saw, or the
-        bin was silent."""
+        """Whether others failed without a signed proof of it: nothing lay there on a site without motion
+        capture, or the bin was silent."""
         nothing_there = isinstance(failed.__cause__, NotFound) and not self._process.site.lab.mocap
         return nothing_there or isinstance(failed.__cause__, NoAnswer)

@@ -243,7 +243,7 @@ class Simulation:
         self.time_ns = time_ns
         self._stalled_ns = 0
         self._to_settle = 0
-        """Control periods at rest that are still to come before the world is still."""
+        """Further control periods at rest after which the world counts as still."""
         self._stalls_ns: list[tuple[int, int]] = []
         bodies = [robot for robot in site.robots if robot.body == "sim"]
         elsewhere = [robot for robot in site.robots if robot.body != "sim"]

@@ -32,7 +32,7 @@ _DECODER = _lenient()
 
 
 class UnlikeOurs(ValueError):
-    """A contract's event that is called like one of ours and laid out otherwise; tokens have such."""
+    """A contract's event with the name of one of ours and another layout, such as those of some tokens."""
 
 
 @dataclass(frozen=True)

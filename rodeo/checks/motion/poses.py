@@ -197,7 +197,7 @@ def stalls_s(case: Case) -> list[tuple[float, float]]:
 
 
 def moved_s(case: Case, time_s: Array) -> Array:
-    """Times without the stalls before them: in them nothing moved."""
+    """`time_s` less the stalls before each time, in which nothing moved."""
     stood_s = [np.clip(time_s, start_s, end_s) - start_s for start_s, end_s in stalls_s(case)]
     return np.asarray(time_s - sum(stood_s, np.zeros_like(time_s)))
 

@@ -7,8 +7,8 @@ something was in the way of the robot. The fingers get their recorded effort, wi
 recorded positions; the item is moved by contact and gravity only. So a recording shows work exactly if the
 same motion does the work again.
 
-An item at rest in the hand is not stepped for as long as the grip bears what the motion asks of it, which the
-physics is asked, too (`grip`).
+An item at rest in the hand is not stepped while the grip bears the forces of the motion; the physics computes
+those, too (`grip`).
 """
 
 from __future__ import annotations
