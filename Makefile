@@ -10,7 +10,7 @@ CHAIN ?= eth-tester
 # Test files that run at the same time: those of sites wait for processes, so three keep two cores busy.
 JOBS ?= 3
 
-.PHONY: help setup system node-packages demo lab test test-contracts test-python test-long symbolic check experiment bench lint docs release contracts clean
+.PHONY: help setup system node-packages demo lab test test-contracts test-python test-long symbolic check experiment bench lint docs release containers contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -107,6 +107,9 @@ docs: $(SPHINX)/stamp  ## the documentation as a web site; out/docs/index.html
 
 release: $(DEV)  ## sdist and wheel in out/dist, checked; the demo from the wheel in empty Debian roots (root, debootstrap)
 	@$(BIN)/python -m tools.release
+
+containers: $(DEV)  ## images of a site, built and run with podman until a task is settled (root, debootstrap, podman, runc)
+	@$(BIN)/python -m tools.containers
 
 contracts: $(DEV) node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
 	@npm run --silent contracts:build
