@@ -143,7 +143,7 @@ class SmartBin:
                     )
                 last = self.said_after(kind, float("-inf"))
                 raise NoAnswer(
-                    f"the bin sent no {kind.__name__.lower()}",
+                    f"the bin {self._name} sent no {kind.__name__.lower()}",
                     timeout_s=timeout_wall_s,
                     after_s=after_s,
                     last_s=None if last is None else moment_s(last),

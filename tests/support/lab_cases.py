@@ -48,12 +48,13 @@ CASES = [Case.model_validate(one) for one in tomllib.loads((PROGRAMS / "cases.to
 def outcomes(lab: RealLab) -> Iterator[tuple[Case, str]]:
     """Each case, and what became of it instead of what must; empty if it ended so.
 
-    Cases without work come first, those of different processes at once. A meter that lied is not believed
-    again, so the charges come last, in the order of the table.
+    Cases without work come first, those of different processes at once, but for the robot, which lacks what
+    others lack. A meter that lied is not believed again, so the charges come last, in the order of the table.
     """
     idle = [case for case in CASES if case.work is None]
     while idle:
-        together = list({case.process: case for case in reversed(idle)}.values())
+        of_processes = {case.process: case for case in reversed(idle)}
+        together = [case for case in of_processes.values() if case.process != AGENT] or idle[:1]
         yield from zip(together, _not_ready(lab, together), strict=True)
         idle = [case for case in idle if case not in together]
     for work in ("cleaning", "charge"):
