@@ -44,6 +44,8 @@ _PATHS = (ROOT, PROGRAMS, ROOT / "tests" / "foreign_robot", ROOT / "examples")
 PORTS = ("natnet", "meter", "cells", "camera", "robot")
 FINE = ("resolution_wh = 10.0", "resolution_wh = 0.1")
 """The register of an SDM120 moves in steps that confirm no charge of so small a battery."""
+CHARGED = 0.7
+"""State of charge with which work begins. To charge the rest takes half a minute."""
 SPEAKERS = (AGENT, "oracle", "charger")
 CABLES = ("meter", "cells", "camera")
 """Devices on TCP whose cables can be pulled. The robot's is between it and the router."""
@@ -277,6 +279,7 @@ class RealLab:
 
     def charge(self) -> int:
         """Order the robot to the dock; the number of the charge that it buys."""
+        self.order("power", "soc", CHARGED)
         posted = {one.task_id for one in self.events}
         robot = self.site.robots[0].name
         key = topics.ROBOT_ORDER.name(org=self.site.org, robot=robot, order="charge")
@@ -291,7 +294,7 @@ class RealLab:
         assert self.sees(AGENT, lambda status: status.ready and "idle" in status.activity, HANG_S)
         for item in self.site.items:
             self.order(item.id)
-        self.order("power", "soc", 0.7)
+        self.order("power", "soc", CHARGED)
         self._written = {name: len(self._text(name)) for name in (*SPEAKERS, "mocap", "itrash")}
 
     def sees(self, process: str, holds: Callable[[Status], bool], limit_s: float) -> bool:
