@@ -21,13 +21,14 @@ from rodeo.checks.report import Report
 from rodeo.errors import RemoteError
 from rodeo.evidence.errors import ProofNotFound, StoreUnavailable
 from rodeo.host.clock import WallClock
+from rodeo.jobs import apart
 from rodeo.runtime.state import Notices
 from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take
 from rodeo_testing.waiting import HANG_S, wait_until
-from services.oracle import process, rules, worker
+from services.oracle import process, rules
 from services.oracle.away import ProofAway, due_s
 from services.oracle.process import Oracle
 from services.oracle.reports import Reports
@@ -173,7 +174,7 @@ def oracle(
     monkeypatch.setattr(process, "RETRY_S", 0.01)
     monkeypatch.setattr(process, "SWEEP_S", 0.05)
     monkeypatch.setattr(rules, "_LOOK_S", 0.01)
-    monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: REFUSED)
+    monkeypatch.setattr(apart, "verify_apart", lambda *_, **__: REFUSED)
     stop = threading.Event()
     own = site.model_copy(update={"data_dir": tmp_path})
     threads: list[threading.Thread] = []
@@ -380,7 +381,7 @@ def test_a_proof_that_is_found_before_the_turn_ends_in_which_it_was_missing_is_v
             judge.on_event(event(bridge.current, 1000, "TaskRequeued"))
         judge.line.put(*key)
 
-    monkeypatch.setattr(worker, "verify_apart", verify)
+    monkeypatch.setattr(apart, "verify_apart", verify)
     judge, key = oracle(), (bridge.current.id, bridge.current.attempt)
     monkeypatch.setattr(judge.missing, "seek", find)
     monkeypatch.setattr(judge.missing, "forget", lambda _key: forgotten.set())
@@ -477,7 +478,7 @@ def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
 ) -> None:
     """As where the checks were updated under a running oracle: people decide, its window being over here."""
     other = ACCEPTED.model_copy(update={"rules_sha256": "0x" + "88" * 32})
-    monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: other)
+    monkeypatch.setattr(apart, "verify_apart", lambda *_, **__: other)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": 1.0})
     submit(oracle(), bridge.current)
     assert bridge.posted.wait(HANG_S)
@@ -508,7 +509,7 @@ def test_eight_heavy_proofs_of_one_provider_keep_nobody_elses_waiting(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
-    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    monkeypatch.setattr(apart, "verify_apart", verifications := Verifications(REFUSED))
     judge = oracle()
     heavy = [bridge.current, *(bridge.other() for _ in range(7))]
     for task in heavy:
@@ -534,10 +535,10 @@ def test_a_verification_that_failed_is_tried_again_after_the_first_attempts_at_o
         tried.append((task_id, failed))
         assert others_submitted.wait(HANG_S)
         if task_id == bridge.current.id and not failed:
-            raise worker.VerificationFailed("used up its CPU time", task_id=task_id, attempt=1)
+            raise apart.VerificationFailed("used up its CPU time", task_id=task_id, attempt=1)
         return REFUSED.model_copy(update={"task_id": task_id})
 
-    monkeypatch.setattr(worker, "verify_apart", verify)
+    monkeypatch.setattr(apart, "verify_apart", verify)
     judge = oracle()
     others = [bridge.other(), bridge.other()]
     submit(judge, bridge.current, "one")
@@ -553,7 +554,7 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """People decide on one of those that claims the same act."""
-    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(ACCEPTED))
+    monkeypatch.setattr(apart, "verify_apart", verifications := Verifications(ACCEPTED))
     judge = oracle()
     clock, waits = judge.process.clock, f"task {bridge.current.id + 1} waiting for task {bridge.current.id} "
     assert isinstance(clock, HeldClock)
@@ -578,7 +579,7 @@ def test_who_waits_for_the_store_keeps_no_place(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
-    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    monkeypatch.setattr(apart, "verify_apart", verifications := Verifications(REFUSED))
     judge = oracle()
     put, stored = judge.reports.store.put, threading.Event()
 
@@ -603,7 +604,7 @@ def test_a_last_word_waits_for_no_verification(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
-    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    monkeypatch.setattr(apart, "verify_apart", verifications := Verifications(REFUSED))
     judge = oracle()
     left = bridge.other(rules_sha256="0x" + "88" * 32, verdict_deadline=time.time() + 3600)
     submit(judge, left)
@@ -624,7 +625,7 @@ def test_what_is_due_before_its_turn_is_a_warning(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
-    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    monkeypatch.setattr(apart, "verify_apart", verifications := Verifications(REFUSED))
     judge = oracle()
     submit(judge, bridge.current)
     wait_until(lambda: verifications.begun == [bridge.current.id])
