@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,6 +55,30 @@ def session(
     replace_file(path, json.dumps(session_file(loaded, participant), indent=2) + "\n")
     say(f"export RMW_IMPLEMENTATION=rmw_zenoh_cpp ROS_DOMAIN_ID={loaded.bus.domain_id}")
     say(f"export RMW_ZENOH_SESSION_CONFIG_URI={path.absolute()}")
+
+
+@ros2.command()
+@reports_errors
+def relay(
+    name: Annotated[
+        str, typer.Argument(help="A robot or a participant, by its name in the site file.", metavar="NAME")
+    ],
+    listen: Annotated[
+        str, typer.Option(help="Where zenoh-bridge-ros2dds connects.", metavar="ENDPOINT")
+    ] = "tcp/127.0.0.1:7450",
+    site: SiteOption = DEFAULT_SITE,
+) -> None:
+    """Let nodes with a stock DDS take part: carry their names between zenoh-bridge-ros2dds and the site.
+
+    Runs until Ctrl-C.
+    """
+    # Imported here: the messages take their time.
+    from rodeo_cli.dds import relayed
+
+    stop = threading.Event()
+    with relayed(Site.load(site), name, listen, stop) as count, suppress(KeyboardInterrupt):
+        say(f"{count} names of {name} are carried. Connect zenoh-bridge-ros2dds to {listen}.")
+        stop.wait()
 
 
 def session_file(site: Site, participant: str) -> dict[str, Any]:

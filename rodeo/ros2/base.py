@@ -60,6 +60,7 @@ class Publisher:
         else:
             self._publisher = node.session.declare_publisher(key, **options)
         self._sequence = itertools.count(1)
+        self._closed = False
 
     @property
     def gid(self) -> bytes:
@@ -88,7 +89,15 @@ class Publisher:
         self._publisher.put(cdr, attachment=wire.attachment(sequence, source_time_ns, self._gid))
         return sequence
 
+    def skip(self) -> None:
+        """Count a message that was lost on its way to here."""
+        next(self._sequence)
+
     def close(self) -> None:
+        """Closing again, with the node for instance, changes nothing."""
+        if self._closed:
+            return
+        self._closed = True
         self._publisher.undeclare()
         self._token.undeclare()
 

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,18 +23,26 @@ from eth_account import Account
 from deploy.access import commands_of, everybody
 from deploy.certificates import ensure_certificates
 from rodeo.bus.holding import EVERYBODY
-from rodeo.bus.session import Bus
+from rodeo.bus.session import Bus, zenoh_config
 from rodeo.errors import BusUnavailable, NoResponder
 from rodeo.evidence.seal import RunningHash, SealChain
+from rodeo.host.clock import WallClock
 from rodeo.host.metrics import HEADS_REFUSED
+from rodeo.interfaces.package import asked as asked_queries
+from rodeo.interfaces.package import register
 from rodeo.ros2.action import ActionClient
+from rodeo.ros2.base import BaseNode
+from rodeo.ros2.dds import DdsRelay, RawCodec, names_of_body
 from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceUnavailable
 from rodeo.ros2.node import Node
-from rodeo.ros2.types import new
+from rodeo.ros2.types import new, serialize
 from rodeo.site import tls, topics
 from rodeo.site.config import Site
 from rodeo.site.names import body_identity
+from rodeo.site.processes import ros_process
+from rodeo.site.ros_names import ros_name
 from rodeo.witness.witness import Witness, unverified_seal
+from rodeo_cli.dds import Names, names_of_node
 from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
@@ -243,6 +252,57 @@ def test_a_velocity_comes_from_a_robots_own_mind(running: RunningSite, voices: V
     assert 1.0 not in until(heard, 0.5, say)
 
 
+def test_by_way_of_a_stock_dds_a_body_and_nodes_say_what_their_certificates_allow(
+    running: RunningSite, voices: Voices
+) -> None:
+    """The bridge's side is bytes on plain keys."""
+    register()
+    site, header = running.site, b"\x00\x01\x00\x00"
+    with ExitStack() as closing:
+        bridge = closing.enter_context(zenoh.open(zenoh_config("router")))
+
+        def relay(shown: str, names: tuple[Names, Names]) -> None:
+            node = BaseNode(voices[shown].session, "dds", "", site.bus.domain_id, WallClock(), RawCodec())
+            carried = DdsRelay(bridge, node)
+            closing.callback(carried.close)
+            for topic, name in names[0]:
+                carried.carry_in(topic, name)
+            for topic, name in names[1]:
+                carried.carry_out(topic, name)
+
+        relay(body_identity(ONE), names_of_body(ONE))
+        relay(f"node.{OTHER}", names_of_node(site, OTHER))
+        mind = Node(voices[MIND].session, "agent", ONE, site.bus.domain_id, WallClock())
+        heard, stop = queue.Queue[Any](), f"{ONE}/emergency_stop"
+        mind.raw_subscription(f"{ONE}/odom", topics.ODOM.type, lambda info: heard.put(info.cdr))
+        odometry = header + bytes(700)
+        until(heard, odometry, lambda: bridge.put(f"{ONE}/odom", odometry))
+
+        served = bridge.declare_queryable(
+            stop, lambda query: query.reply(stop, header + b"\1\0\0\0\1\0\0\0\0")
+        )
+        token = f"@/0/@ros2_lv/SS/{stop.replace('/', '§')}/std_srvs§srv§SetBool"
+        there = bridge.liveliness().declare_token(token)
+        client = mind.client(stop, topics.EMERGENCY_STOP.type)
+        assert client.wait_for_server(HANG_S)
+        assert client.call(new(f"{topics.EMERGENCY_STOP.type}_Request", data=True), HANG_S).success
+
+        dao = Node(voices[ros_process(site, "second")].session, "dao", "", site.bus.domain_id, WallClock())
+        asked_for = asked_queries()["get_chain"].interface.typename
+        answer = new(f"{asked_for}_Response")
+        dao.service(f"{ros_name(site.org)}/{OTHER}/get_chain", asked_for, lambda _request: answer)
+
+        def replies() -> list[bytes]:
+            found = bridge.get(f"{ros_name(site.org)}/{OTHER}/get_chain", timeout=HANG_S)
+            return [one.ok.payload.to_bytes() for one in found if one.ok is not None]
+
+        wait_until(lambda: replies() == [serialize(answer)])
+        for one in (mind, dao):
+            one.close()
+        for declared in (there, served):
+            declared.undeclare()
+
+
 def test_a_session_file_lets_a_mind_move_its_own_body_and_open_what_every_node_does(
     running: RunningSite, voices: Voices, tmp_path: Path
 ) -> None:
@@ -363,7 +423,7 @@ FLOOD = """
 import sys, time
 from pathlib import Path
 from rodeo.site import tls
-from rodeo.bus.session import Bus
+from rodeo.bus.session import Bus, zenoh_config
 from rodeo.site.config import Site
 site, name, folder, rate_hz, *keys = sys.argv[1:]
 site = Site.load(Path(site))

@@ -36,6 +36,7 @@ WITHOUT_NUMBERS = {
     "rodeo/robot/recording.py": "bytes, written as they are",
     "rodeo/ros2/action.py": "codec",
     "rodeo/ros2/base.py": "codec",
+    "rodeo/ros2/dds.py": "bytes, carried as they are",
     "rodeo/ros2/service.py": "codec",
     "rodeo_cli/film.py": "a picture",
     "rodeo_experiments/conduct.py": "handed to `rodeo_experiments.progress.Meters`",

@@ -25,6 +25,7 @@ HASHED = "anybody: what is answered must have the hash that was asked for"
 ASKED = "whoever asks: nothing depends on who that is"
 CHECKED = "whoever asks: what changes something is signed, and the signer is looked up"
 HANDED_ON = "as the caller's row says"
+LOOPBACK = "whoever reaches the relay on its own computer: it speaks there with that robot's certificate"
 
 Call = tuple[str, str, str]
 """File, where in it, and the call up to its first argument."""
@@ -110,6 +111,19 @@ ROWS: dict[Call, str] = {
         "Subscription.__init__",
         "zenoh.ext.declare_advanced_subscriber(node.session)",
     ): HANDED_ON,
+    (
+        "rodeo/ros2/dds.py",
+        "DdsRelay.carry_in",
+        "self._bridge.liveliness().declare_subscriber(expression)",
+    ): LOOPBACK + "; its tokens tell what is there",
+    (
+        "rodeo/ros2/dds.py",
+        "DdsRelay._publish",
+        "zenoh.ext.declare_advanced_subscriber(self._bridge)",
+    ): LOOPBACK,
+    ("rodeo/ros2/dds.py", "DdsRelay._publish", "self._bridge.declare_subscriber(part.name)"): LOOPBACK,
+    ("rodeo/ros2/dds.py", "DdsRelay._send", "self._node.raw_subscription(part.name)"): HANDED_ON,
+    ("rodeo/ros2/dds.py", "DdsRelay._answer", "self._bridge.declare_queryable(part.name)"): LOOPBACK,
     ("rodeo/ros2/base.py", "Subscription.__init__", "node.session.declare_subscriber(key)"): HANDED_ON,
     ("rodeo/ros2/base.py", "BaseNode.subscription", "self.raw_subscription(topic)"): HANDED_ON,
     ("rodeo/ros2/base.py", "BaseNode.raw_subscription", "Subscription(self)"): HANDED_ON,

@@ -43,7 +43,7 @@ from tests.support.command import tree
 from tests.support.site import LAB, write_site
 
 ACTS = {
-    "rodeo deploy systemd", "rodeo deploy compose",
+    "rodeo deploy systemd", "rodeo deploy compose", "rodeo ros2 relay",
     "rodeo ros2 session", "rodeo proof export", "rodeo proof plot", "rodeo init", "rodeo site remove",
     "rodeo up", "rodeo down", "rodeo demo", "rodeo experiment paper",
     "rodeo experiment ablation",
