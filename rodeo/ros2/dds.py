@@ -10,6 +10,7 @@ Format: zenoh-plugin-ros2dds, its README and the sources of its routes.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +34,8 @@ from rodeo.site.topics import BODY, RECORDER, TOPICS, Form, Plane, Topic
 log = logging.getLogger(__name__)
 
 _HOLE_NS = 400_000_000
-"""Where a stamp is later than the one before by more, messages may have been lost: nothing else says it."""
+"""Where a topic with a rate pauses for more, and for three periods, messages may have been lost: only their
+stamps tell."""
 _ANSWER_S, _RESULT_S = 10.0, 300.0
 """Longest wait for an answer of the robot's side; for the result of a goal, and for the site's answers, which
 may take a block. The bridge's own limits are 5 and 300 s."""
@@ -62,6 +64,7 @@ class _Part(NamedTuple):
     type: str
     latched: bool = False
     timeout_s: float = _ANSWER_S
+    rate_hz: float | None = None
 
 
 def _services(topic: Topic, name: str) -> Iterator[_Part]:
@@ -75,7 +78,7 @@ def _services(topic: Topic, name: str) -> Iterator[_Part]:
 
 def _published(topic: Topic, name: str) -> Iterator[_Part]:
     if topic.form is Form.TOPIC:
-        yield _Part(name, topic.type, topic.latched)
+        yield _Part(name, topic.type, topic.latched, rate_hz=topic.rate_hz)
     elif topic.form is Form.ACTION:
         yield _Part(service_name(name, "feedback"), f"{topic.type}_FeedbackMessage")
         yield _Part(service_name(name, "status"), "action_msgs/msg/GoalStatusArray", latched=True)
@@ -136,7 +139,7 @@ class DdsRelay:
         qos = wire.LATCHED if part.latched else wire.DEFAULT
         publisher = self._node.publisher(part.name, part.type, qos)
         stamped = list(definition(part.type).fields[0][1]) == [NAME, "std_msgs/msg/Header"]
-        last_ns: int | None = None
+        last_ns, hole_ns = 0, max(_HOLE_NS, 3e9 / part.rate_hz) if part.rate_hz else math.inf
 
         def take(sample: zenoh.Sample) -> None:
             nonlocal last_ns
@@ -147,7 +150,7 @@ class DdsRelay:
                 except MalformedMessage as error:
                     log.warning("dropped a message on %s: %s", part.name, error)
                     return
-                if last_ns is not None and stamp_ns - last_ns > _HOLE_NS:
+                if last_ns and stamp_ns - last_ns > hole_ns:
                     publisher.skip()
                 last_ns = stamp_ns
             publisher.publish_cdr(cdr, time.time_ns())

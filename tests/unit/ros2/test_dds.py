@@ -98,8 +98,8 @@ def stamped(at_s: float) -> bytes:
 def test_a_topic_keeps_its_bytes_and_what_may_be_lost_is_counted(
     relay: DdsRelay, bridge: Bridge, make_node: MakeNode
 ) -> None:
-    got = heard_by(make_node("agent"), topics.BATTERY_STATE, "arthur/odom")
-    relay.carry_in(topics.BATTERY_STATE, "arthur/odom")
+    got = heard_by(make_node("agent"), topics.ODOM, "arthur/odom")
+    relay.carry_in(topics.ODOM, "arthur/odom")
     now_s = time.time()
     wait_until(lambda: bridge.session.put("arthur/odom", stamped(now_s)) or not got.empty())
     later = [stamped(now_s + after_s) for after_s in (0.02, 0.04, 1.04)]
@@ -112,6 +112,17 @@ def test_a_topic_keeps_its_bytes_and_what_may_be_lost_is_counted(
     first, second, third = (one.sequence for one in heard[-3:])
     assert (second - first, third - second) == (1, 2)
     assert heard[0].source_time_ns == pytest.approx(time.time_ns(), abs=HANG_S * 1e9)
+
+
+def test_a_topic_that_comes_once_a_second_loses_nothing_by_that(
+    relay: DdsRelay, bridge: Bridge, make_node: MakeNode
+) -> None:
+    got = heard_by(make_node("agent"), topics.BATTERY_STATE, "arthur/battery_state")
+    relay.carry_in(topics.BATTERY_STATE, "arthur/battery_state")
+    at_s = iter(range(1_900_000_000, 2_000_000_000))
+    wait_until(lambda: bridge.session.put("arthur/battery_state", stamped(next(at_s))) or got.qsize() > 2)
+    numbers = [got.get().sequence for _ in range(3)]
+    assert numbers == [numbers[0], numbers[0] + 1, numbers[0] + 2]
 
 
 def test_what_is_too_short_for_a_stamp_is_dropped(
