@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from bench.autonomy import starting_site, wait_ready
+from deploy.launcher import Launcher
 from rodeo.bus.session import Bus
 from rodeo.runtime.sim_clock import SimClock
-from rodeo.site.config import Site
 
 _READY_S = 60.0
 _MEANWHILE_S, _ARRIVALS_S = 0.5, 99.5
@@ -25,7 +25,7 @@ HELD: dict[str, Any] = {
 
 
 @contextmanager
-def held_site(speed: float, idle_speed: float, **more: Any) -> Iterator[tuple[Site, Bus, SimClock]]:
+def held_site(speed: float, idle_speed: float, **more: Any) -> Iterator[tuple[Launcher, Bus, SimClock]]:
     """At _ARRIVALS_S of its time, which this thread holds but for its waits."""
     with starting_site({**HELD, "clock.idle_speed": idle_speed, **more}, speed) as (launcher, bus):
         site = launcher.site
@@ -39,6 +39,6 @@ def held_site(speed: float, idle_speed: float, **more: Any) -> Iterator[tuple[Si
                 # A little at a time: who gets ready wants to hear sensors.
                 wait_ready(launcher, bus, lambda: clock.wait_until(clock.now_s() + _MEANWHILE_S))
                 clock.wait_until(start_s + _ARRIVALS_S)
-                yield site, bus, clock
+                yield launcher, bus, clock
         finally:
             clock.close()

@@ -1,4 +1,11 @@
-"""How a whole site's time passes: cleanings at any speed, a charge, and a night in which nothing happens.
+"""What a site costs, and how its time passes: cleanings at any speed, a charge, and a night in which nothing
+happens.
+
+`idle_cores` and `idle_share_mb`: CPU time per wall time, and memory, of the lab's site at real-time speed
+with nothing to do; shared pages count once. A line for each process is printed.
+`site_cpu_share_of_physics`: CPU time of the whole site for each second of its time in which cleanings are
+done, over that of the bare physics (`bench.robot`).
+`clock_wait_share`: wall time for which the clock waited for its holders; for whom is printed.
 
 While tasks are done everybody who works holds the clock: minds, bin, dock, bridge, oracle, chain, and this
 bench, which posts the tasks at the same site times.
@@ -19,8 +26,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench import replay
-from bench.autonomy import SITE, TASK_WALL_S, post
+from bench.autonomy import SITE, TASK_WALL_S, post, starting_site, wait_ready
+from bench.cost import Meter, costs, table
 from bench.held import held_site
+from bench.robot import physics
 from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import Bus, DaoEvents
 from rodeo.lab.config import ItemConfig
@@ -40,6 +49,7 @@ _NIGHT_S = 10 * 3600.0
 """Shorter than a rested battery lasts: a charge is measured by itself."""
 _NIGHT_WALL_S = 60.0
 _READY_S = 60.0
+_SETTLE_WALL_S, _IDLE_WALL_S = 20.0, 30.0
 
 
 @dataclass
@@ -65,10 +75,12 @@ class Cleanings:
 
 
 def run() -> dict[str, float]:
-    figures = _night()
+    figures = idle() | _night()
     figures["cleaning_site_s_slow"] = _cleanings(1.0, 1).site_s
     fast = _cleanings(0.0, CLEANINGS)
     figures |= {"cleaning_site_s_fast": fast.site_s, **fast.figures}
+    bare = physics(Site.load(SITE))["physics_realtime_factor"]
+    figures["site_cpu_share_of_physics"] = bare * fast.figures["site_cpu_s_per_site_s"]
     figures["charging_realtime_factor"] = _charging()
     commands = replay.record()
     motion = replay.motion(commands)
@@ -77,6 +89,19 @@ def run() -> dict[str, float]:
     print(f"  on a busy machine: {busy.site_s:.2f} s; the same world: {same_world}", flush=True)
     figures["sim_determinism"] = float(same_world and fast.equals(busy))
     return figures
+
+
+def idle() -> dict[str, float]:
+    """At real-time speed."""
+    with starting_site({}, 1.0) as (launcher, bus):
+        wait_ready(launcher, bus)
+        # What starting took is not what resting takes.
+        threading.Event().wait(_SETTLE_WALL_S)
+        meter = Meter(launcher)
+        threading.Event().wait(_IDLE_WALL_S)
+        spent, now = meter.spent(), costs(launcher)
+        print(table(spent, now), flush=True)
+        return {"idle_cores": spent.cores, "idle_share_mb": sum(one.share_mb for one in now.values())}
 
 
 def _night() -> dict[str, float]:
@@ -94,7 +119,8 @@ def _charging() -> float:
     robot, pose = first.name, first.pose.model_dump()
     empty = {"name": robot, "pose": pose, "battery": {"soc": _EMPTY_SOC}}
     usual = [*Site.load(SITE).clock.holders, "arrivals"]
-    with held_site(0.0, 0.0, robots=[empty], **{"clock.holders": usual}) as (site, bus, clock):
+    with held_site(0.0, 0.0, robots=[empty], **{"clock.holders": usual}) as (launcher, bus, clock):
+        site = launcher.site
         flowing: list[tuple[float, float]] = []
         over = threading.Event()
 
@@ -121,7 +147,8 @@ def _charging() -> float:
 
 def _cleanings(speed: float, count: int) -> Cleanings:
     events: dict[int, list[tuple[str, float]]] = defaultdict(list)
-    with held_site(speed, 0.0) as (site, bus, clock):
+    with held_site(speed, 0.0) as (launcher, bus, clock):
+        site = launcher.site
 
         def on_event(event: DaoEvent) -> None:
             if event.task_id is not None:
@@ -138,14 +165,21 @@ def _cleanings(speed: float, count: int) -> Cleanings:
             return task
 
         with DaoEvents(bus, site.org, on_event, clock=clock):
-            waited_s, began_s = _waited_s(site, bus), time.perf_counter()
+            before, meter = _waited(site, bus), Meter(launcher)
             tasks = [clean(0)]
             balances = _balances(bus, site)
             tasks += [clean(number) for number in range(1, count)]
-            wall_s = time.perf_counter() - began_s
-            waited_s = _waited_s(site, bus) - waited_s
-    site_s = events[tasks[-1]][-1][1] - events[tasks[0]][0][1]
-    figures = {"site_realtime_factor": site_s / wall_s, "clock_wait_share": waited_s / wall_s}
+            spent, waited = meter.spent(), _waited(site, bus)
+            print(table(spent, costs(launcher)), flush=True)
+    wall_s, site_s = spent.wall_s, events[tasks[-1]][-1][1] - events[tasks[0]][0][1]
+    for process in sorted(waited["waited_for_s"]):
+        waited_s = waited["waited_for_s"][process] - before["waited_for_s"].get(process, 0.0)
+        print(f"  the clock waited for {process} {100 * waited_s / wall_s:.1f} % of the time", flush=True)
+    figures = {
+        "site_realtime_factor": site_s / wall_s,
+        "site_cpu_s_per_site_s": sum(spent.cpu_s.values()) / site_s,
+        "clock_wait_share": (waited["waited_s"] - before["waited_s"]) / wall_s,
+    }
     return Cleanings(figures, events[tasks[0]], balances)
 
 
@@ -154,9 +188,10 @@ def _balances(bus: Bus, site: Site) -> dict[str, str]:
     return {one["name"]: one["balance_iec"] for one in found}
 
 
-def _waited_s(site: Site, bus: Bus) -> float:
+def _waited(site: Site, bus: Bus) -> dict[str, Any]:
+    """`Standstill.figures` so far."""
     status = bus.query(topics.STATUS.name(org=site.org, process="robot_sim"), timeout_s=30.0)
-    return float(status["details"]["waited_s"])
+    return dict(status["details"])
 
 
 def _lay(site: Site, bus: Bus, clock: SimClock, item: ItemConfig) -> None:

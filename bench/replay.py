@@ -71,7 +71,8 @@ class Command:
 def record() -> list[Command]:
     """The commands of the first cleaning of a site whose clock waits for everybody who works."""
     commands: list[Command] = []
-    with held_site(0.0, 0.0) as (site, bus, clock):
+    with held_site(0.0, 0.0) as (launcher, bus, clock):
+        site = launcher.site
         start_s = _start_s(site)
         namespace = site.robots[0].namespace
 

@@ -70,7 +70,7 @@ _READY_S = 60.0
 def run() -> dict[str, float]:
     """Measure, the process on a site of its own on a free port in a folder that is removed."""
     site = Site.load(SITE)
-    measured = _physics(site) | _render(site) | _cast(site)
+    measured = physics(site) | _render(site) | _cast(site)
     commands = replay.record()
     measured |= replay.replay(commands)
     measured["sim_realtime_factor_5"] = replay.replay(commands, 5)["sim_realtime_factor"]
@@ -79,7 +79,7 @@ def run() -> dict[str, float]:
     return measured | {"agent_cpu_s_per_cleaning": agent_cpu_s()}
 
 
-def _physics(site: Site) -> dict[str, float]:
+def physics(site: Site) -> dict[str, float]:
     model = build_world(site)
     data = begin(model, site)
     body = Body(model, data, site.robots[0].name, site.robots[0].limits)

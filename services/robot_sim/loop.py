@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from rodeo.errors import RodeoError
 from rodeo.site.sections import ClockConfig
@@ -168,9 +168,9 @@ class Loop:
             self.wake()
 
     @property
-    def waited_s(self) -> float:
-        """Wall time for which the clock stood still for its holders."""
-        return 0.0 if self.holders is None else self.holders.standstill.waited_s
+    def waited(self) -> dict[str, Any]:
+        """`Standstill.figures`."""
+        return {"waited_s": 0.0} if self.holders is None else self.holders.standstill.figures
 
     def wake(self) -> None:
         """Have the thread that waits look again."""

@@ -100,7 +100,7 @@ class WorldPublisher:
                 speed=round(speed, 2),
                 site_time_s=self._simulation.time_s,
                 measured_s=time.time(),
-                waited_s=round(self._loop.waited_s, 3),
+                **self._loop.waited,
             )
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import defaultdict
 from collections.abc import Callable, Set
+from typing import Any
 
 from services.robot_sim.roster import Roster, Session
 
@@ -29,6 +31,14 @@ class Standstill:
         """Holders of the clock now, and since when (monotonic)."""
         self.waited_s = 0.0
         """Wall time for which the clock stood still for holders."""
+        self.waited_for_s = defaultdict[str, float](float)
+        """The same for each process; several may hold the clock at the same time."""
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """`waited_s` and `waited_for_s`, for the process's status."""
+        each = {process: round(waited_s, 3) for process, waited_s in self.waited_for_s.items()}
+        return {"waited_s": round(self.waited_s, 3), "waited_for_s": each}
 
     def count(self, passes: bool, missing: Set[str]) -> None:
         """After a look at whether the time may continue. `missing` processes have not come yet."""
@@ -40,6 +50,8 @@ class Standstill:
         elif self._since_s is not None:
             self.waited_s += now_s - self._since_s
             self._since_s = None
+        for who in self._late_since_s.keys() - late.keys():
+            self.waited_for_s[who.process] += now_s - self._late_since_s[who]
         self._late_since_s = {who: self._late_since_s.get(who, now_s) for who in late}
         text = ""
         if self._since_s is not None and now_s - self._since_s > LONG_S:

@@ -44,7 +44,6 @@ class OnlyTheActions:
     """Nobody else holds the clock."""
 
     resting = False
-    waited_s = 0.0
     next_ns = NEVER_NS
 
     def may_pass(self, _now_ns: int, _then: object) -> bool:

@@ -615,7 +615,10 @@ def test_who_holds_it_for_long_is_named_until_it_goes_on(
     done.set()
     simulator.wait_to_pass()
     assert simulator.told[-1] == ""
-    assert simulator.holders.standstill.waited_s == pytest.approx(1.1 * LONG_S)
+    figures = simulator.holders.standstill.figures
+    assert figures["waited_s"] == pytest.approx(1.1 * LONG_S)
+    assert figures["waited_for_s"]["robot_agent"] == pytest.approx(1.1 * LONG_S)
+    assert figures["waited_for_s"]["itrash"] < LONG_S
 
 
 def test_an_experiment_begins_when_everybody_has_come_and_motion_capture_can_sign(

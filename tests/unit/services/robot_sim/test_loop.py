@@ -63,7 +63,6 @@ class Resting:
     """A holder of the clock that has something to do at these times (ns), and not before."""
 
     resting = True
-    waited_s = 0.0
 
     def __init__(self, times_ns: list[int]) -> None:
         self.left_ns = times_ns
