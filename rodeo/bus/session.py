@@ -85,6 +85,8 @@ def zenoh_config(
         "scouting/gossip/enabled": False,
         "timestamping/enabled": {"router": True, "peer": True, "client": True},
         _WAIT_KEY: _ROUTER_WAIT_US,
+        # Else a message of more than 3 KB goes through pools of 16 MB, which all who hear it keep mapped.
+        "transport/shared_memory/enabled": False,
     }.items():
         config.insert_json5(key, json.dumps(value))
     if lease_s is not None:
