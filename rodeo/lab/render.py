@@ -23,10 +23,16 @@ class Camera:
         height_px: int = 240,
     ) -> None:
         self._view = view
+        # MuJoCo makes buffers of the model's size, with eight samples for each pixel, whatever the picture's.
+        size = model.vis.global_
+        models_px = size.offwidth, size.offheight
+        size.offwidth, size.offheight = width_px, height_px
         try:
             self._renderer = mujoco.Renderer(model, height_px, width_px)
         except Exception as error:  # MuJoCo's GL back ends raise whatever their loader raises.
             raise RendererUnavailable("cannot make an OpenGL context", reason=repr(error)) from error
+        finally:
+            size.offwidth, size.offheight = models_px
 
     def image(self, data: mujoco.MjData) -> np.ndarray:
         """What the camera sees: (height, width, 3) uint8, RGB."""

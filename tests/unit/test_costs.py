@@ -7,11 +7,16 @@ import sys
 import threading
 from pathlib import Path
 
+import pytest
 import zenoh
 
 from rodeo.bus.session import Bus, zenoh_config
+from rodeo.lab.render import Camera
 from rodeo_testing.waiting import wait_until
 from tests.support.nodes import router_port as router_port
+
+# isort: split
+import mujoco  # after the lab, which chooses its OpenGL back end
 
 MORE_BYTES = 20_000
 """Zenoh puts a message of this size into shared memory unless it is told not to."""
@@ -53,3 +58,18 @@ sys.exit(supervise("test", body))
 """
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert 1 <= told.count("<heap nr=") <= 2
+
+
+def test_a_camera_has_buffers_of_its_pictures_size_and_leaves_the_model_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = mujoco.MjSpec().compile()
+    size = model.vis.global_
+    models_px = size.offwidth, size.offheight
+    made_px = []
+    monkeypatch.setattr(
+        mujoco, "Renderer", lambda *_arguments: made_px.append((size.offwidth, size.offheight))
+    )
+    Camera(model, "bin/camera", 320, 240)
+    assert made_px == [(320, 240)]
+    assert (size.offwidth, size.offheight) == models_px
