@@ -34,6 +34,7 @@ AREAS = (
     "lab",
     "cli",
     "extras",
+    "pool",
 )
 BY_NAME = ("verdicts",)
 """What two others measure, in another form: left out unless it is asked for."""
