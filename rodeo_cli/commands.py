@@ -35,6 +35,10 @@ COMMANDS = {
         "verify:verify",
         "Run the oracle's checks on a proof here and now. Exit status 1 when one fails.",
     ),
+    "audit": (
+        "audit:audit",
+        "Judge an organization's verdicts again, as an outsider could: from chain, store and lab alone.",
+    ),
     "proof": (
         "proofs:proofs",
         "Export a proof for other people's tools, and draw it. The proof itself is only read.",

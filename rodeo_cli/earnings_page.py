@@ -6,17 +6,8 @@ from collections.abc import Sequence
 from html import escape
 
 from rodeo.display.earnings import COLUMNS, Line, cells, sums
+from rodeo_cli.html import document, table
 
-_CSS = """body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem;
-  color: #1c2430; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; } .wide { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-size: .87rem; }
-th, td { padding: .3rem .55rem; text-align: left; border-bottom: 1px solid #d6dce3; }
-th { white-space: nowrap; }
-.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-svg { width: 100%; height: auto; font: 12px system-ui, sans-serif; } .soft { color: #5d6b7a; }
-@media print { body { margin: 0; max-width: none; font-size: 10pt; } table { font-size: 7.5pt; }
-  tr, svg { break-inside: avoid; } }"""
 _TEXT_COLUMNS = 3
 _WIDTH, _LEFT, _RIGHT, _ROW = 900, 240, 90, 44
 _GREEN, _RED = "#1a7f4b", "#b3261e"
@@ -35,19 +26,13 @@ def page(lines: Sequence[Line], org: str) -> str:
             "signed.</p>",
             "<h2>By participant</h2>",
             _bars(totals),
-            _table([cells(one)[1:2] + cells(one)[3:] for one in totals], (*COLUMNS[1:2], *COLUMNS[3:]), 1),
+            table([cells(one)[1:2] + cells(one)[3:] for one in totals], (*COLUMNS[1:2], *COLUMNS[3:]), 1),
             "<h2>By week, participant and kind of work</h2>",
-            _table([cells(one) for one in lines], COLUMNS, _TEXT_COLUMNS),
+            table([cells(one) for one in lines], COLUMNS, _TEXT_COLUMNS),
         ]
     else:
         body.append("<p>Nobody earned or spent anything in this time.</p>")
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Earnings of {escape(org)}</title><style>{_CSS}</style></head>\n<body>\n"
-        + "\n".join(body)
-        + "\n</body></html>\n"
-    )
+    return document(f"Earnings of {org}", body)
 
 
 def _bars(totals: Sequence[Line]) -> str:
@@ -78,17 +63,3 @@ def _bars(totals: Sequence[Line]) -> str:
         f'<svg viewBox="0 0 {_WIDTH} {height}" role="img" aria-label="What each participant earned and '
         f'spent; the table below has the numbers">{"".join(drawn)}</svg>'
     )
-
-
-def _table(rows: Sequence[Sequence[str]], heads: Sequence[str], texts: int) -> str:
-    """A table whose first `texts` columns are words."""
-
-    def line(tag: str, words: Sequence[str]) -> str:
-        kinds = ["" if number < texts else ' class="number"' for number in range(len(words))]
-        return "".join(
-            f"<{tag}{kind}>{escape(word)}</{tag}>" for kind, word in zip(kinds, words, strict=True)
-        )
-
-    body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows)
-    head = f"<thead><tr>{line('th', heads)}</tr></thead>"
-    return f'<div class="wide"><table>{head}<tbody>{body}</tbody></table></div>'

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,8 +40,9 @@ RESULT_STYLES = {"passed": "green", "FAILED": "bold red", "undecided": "bold yel
 
 @reports_errors
 def verify(
-    file: Annotated[
-        Path, typer.Argument(help="A proof (MCAP), or a ROS 1 or ROS 2 bag.", metavar="FILE", exists=True)
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="Proofs (MCAP), or ROS 1 or ROS 2 bags.", metavar="FILE...", exists=True),
     ],
     site: SiteOption = DEFAULT_SITE,
     offline: Annotated[
@@ -52,33 +54,62 @@ def verify(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the oracle's checks on a proof here and now. Exit status 1 when one fails.
+    """Run the oracle's checks on proofs here and now, several side by side. Exit status 1 when one fails.
 
     What only the chain knows (who may sign, which days were posted) is taken as of the block of the verdict,
     if there is one; what came later is a warning. Without a running site that is skipped, with a warning.
+    With --json several files give a list.
     """
-    # Imported here: only this command needs MuJoCo and the readers of recordings.
-    from rodeo.checks.verify import verify_file
-    from services.oracle.chain_view import View
-
-    loaded = Site.load(site)
-    known = View(None, []) if offline else chain_view(site, file)
-    report = verify_file(file, loaded, known.chain_record)
-    task = known.chain_record and known.chain_record.task
-    if task and task.rules_sha256 != report.rules_sha256:
-        named = task.rules_sha256 or "none"
-        known.warnings.append(
-            f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
-        )
-    warn(known.warnings)
-    if as_json:
-        print_json(report.model_dump(mode="json") | {"warnings": known.warnings})
-    else:
+    loaded, found = Site.load(site), []
+    for file, known, report in _verified(loaded, site, files, offline):
+        task = known.chain_record and known.chain_record.task
+        if task and task.rules_sha256 != report.rules_sha256:
+            named = task.rules_sha256 or "none"
+            known.warnings.append(
+                f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
+            )
+        warn(known.warnings)
+        found.append(report.model_dump(mode="json") | {"warnings": known.warnings})
+        if as_json:
+            continue
+        if len(files) > 1:
+            console.print(f"[bold]{escape(printable(str(file)))}[/]", highlight=False, soft_wrap=True)
         for line in check_lines(report, console.width, verbose):
             console.print(line, soft_wrap=True)
         console.print(_conclusion(site, report, offline), highlight=False, soft_wrap=True)
-    if not report.accepted:
+    if as_json:
+        print_json(found[0] if len(files) == 1 else found)
+    if any(one["outcome"] != "accepted" for one in found):
         raise typer.Exit(1)
+
+
+def _verified(
+    site: Site, site_path: Path, files: Sequence[Path], offline: bool
+) -> Iterator[tuple[Path, View, Report]]:
+    """Each file, what the chain knows of it, and the report on it, in the order in which they are named.
+
+    Raises JobError.
+    """
+    # Imported here: only this command needs the readers of recordings.
+    from rodeo.checks.report import Report
+    from rodeo.jobs.local import Local
+    from rodeo.jobs.proofs import Verify
+    from rodeo.jobs.runner import Runner
+    from services.oracle.chain_view import View
+
+    known = {file: View(None, []) if offline else chain_view(site_path, file) for file in files}
+    reports: dict[Path, Report] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        verifying = Verify(site, Path(folder, "verifying"))
+        with Runner(Local([verifying]), folder=Path(folder, "answers")) as runner:
+            for done in runner.run(verifying.file(file, known[file].chain_record) for file in known):
+                if done.error is not None:
+                    errors.print(done.error.log, markup=False, highlight=False, soft_wrap=True)
+                    raise done.error
+                assert done.answer is not None and done.job.file is not None
+                reports[done.job.file] = Report.model_validate_json(done.answer)
+    for file in files:
+        yield file, known[file], reports[file]
 
 
 def check_lines(report: Report, width: int, verbose: bool) -> Iterator[Text]:

@@ -22,9 +22,12 @@ class Local:
     def __init__(self, works: Iterable[Work], places: int | None = None) -> None:
         self.works = {work.name: work for work in works}
         self.places = places or len(os.sched_getaffinity(0))
+        self._free = threading.Semaphore(self.places)
 
     def do(self, job: Job, stop: threading.Event) -> bytes:
-        return self.works[job.work].do(job, stop)
+        # An engine elsewhere has more places, and all of its jobs may come back at once.
+        with self._free:
+            return self.works[job.work].do(job, stop)
 
     def close(self) -> None:
         """Each child ended with its job."""

@@ -116,6 +116,10 @@ class Verify:
         )
         return Job(VERIFY, asked.model_dump(mode="json"), file)
 
+    def file(self, path: Path, chain: ChainRecord | None = None) -> Job:
+        """The question about any file or bag: nobody need have submitted it."""
+        return self.job(_sha256(path), chain, path, submitted=False)
+
     def do(self, job: Job, stop: threading.Event) -> bytes:
         asked = Asked.model_validate(job.given)
         self._compare(asked)
@@ -205,6 +209,10 @@ def _not_fetched(asked: Asked, error: EvidenceError) -> Report:
 
 
 def _sha256(path: Path) -> str:
+    """0x and the hash of a file's bytes, or of the files of a bag that is a folder."""
+    if path.is_dir():
+        parts = {one.name: _sha256(one) for one in path.iterdir()}
+        return "0x" + hashlib.sha256(rfc8785.dumps(parts)).hexdigest()
     with path.open("rb") as file:
         return "0x" + file_digest(file, "sha256").hexdigest()
 

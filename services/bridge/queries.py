@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from rodeo.bus.messages import Message, TaskState
 from rodeo.bus.queries import (
@@ -366,7 +366,14 @@ class Queries:
         }
 
 
-def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
+class Naming(Protocol):
+    """Names participants."""
+
+    def name(self, address: str | None) -> str | None:
+        """None for a stranger."""
+
+
+def task_json(row: Mapping[str, Any], names: Naming, currency: Currency) -> Json:
     """`rodeo.bus.messages.Task`."""
     amounts = {"reward", "price", "paid", "refunded"}
     return {

@@ -1,0 +1,204 @@
+"""`rodeo audit`: an organization's verdicts, judged again from chain, store and lab."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rodeo.display.formatting import count
+from rodeo.errors import ConfigError
+from rodeo.site.config import Site
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    errors,
+    make_folder,
+    print_json,
+    print_table,
+    reports_errors,
+    say,
+    write_file,
+)
+from rodeo_cli.layout import Row
+
+if TYPE_CHECKING:
+    from rodeo.chain.deployment import Deployment
+    from rodeo.jobs.job import Engine
+    from rodeo_cli.auditing.judging import Verdict
+    from rodeo_cli.auditing.summary import Summary
+
+FOLDER = Path("out/audit")
+_SHOWN = 100
+"""Findings that are listed; the page and the JSON have all."""
+
+
+@reports_errors
+def audit(
+    site: SiteOption = DEFAULT_SITE,
+    first: Annotated[int, typer.Option("--from", help="First block of rulings.", metavar="BLOCK")] = 0,
+    last: Annotated[
+        int | None,
+        typer.Option("--to", help="Last block of rulings; by default the newest.", metavar="BLOCK"),
+    ] = None,
+    sample: Annotated[
+        int | None, typer.Option(min=1, help="Judge so many verdicts again, chosen by chance.")
+    ] = None,
+    deployment: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where the contracts are (JSON); by default the record in the site's data folder.",
+            metavar="FILE",
+            exists=True,
+        ),
+    ] = None,
+    folder: Annotated[
+        Path, typer.Option("--out", help="Folder of the chain's index and of answers, to continue from.")
+    ] = FOLDER,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a page (HTML) that needs nothing else.", metavar="FILE")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Judge an organization's verdicts again, as an outsider could: from chain, store and lab alone.
+
+    Exit status 1 when a verdict would be another one today, or a file, a root or a sum is wrong; 3 when none
+    is, but some could not be judged again. Repeat the command to continue.
+    """
+    from rodeo_cli.auditing.page import conclusions, page
+
+    loaded = Site.load(site)
+    contracts = _deployment(loaded, deployment)
+    make_folder(folder)
+    summary = examine(loaded, contracts, folder, first, last, sample)
+    if report is not None:
+        write_file(report, page(summary))
+    if as_json:
+        print_json(summary.to_json())
+    else:
+        _print(summary)
+        for sentence in conclusions(summary):
+            say(sentence)
+    if not summary.is_clean:
+        raise typer.Exit(1)
+    if summary.failed:
+        raise typer.Exit(3)
+
+
+def _deployment(site: Site, file: Path | None) -> Deployment:
+    """Raises ConfigError, ChainError."""
+    from pydantic import ValidationError
+
+    from rodeo.chain.deployment import Deployment
+    from rodeo.errors import unreadable
+
+    if file is None:
+        return Deployment.load(site.data_dir, site.chain.id)
+    try:
+        return Deployment.model_validate_json(file.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise ConfigError("this is no deployment record", path=str(file), reason=unreadable(error)) from error
+
+
+def examine(
+    site: Site,
+    deployment: Deployment,
+    folder: Path,
+    first: int = 0,
+    last: int | None = None,
+    sample: int | None = None,
+    elsewhere: Engine | None = None,
+    places: int | None = None,
+) -> Summary:
+    """Read the chain, judge again and compare. Raises ChainError, StoreUnavailable, VerifierEnded."""
+    from rodeo.jobs.local import Local
+    from rodeo.jobs.proofs import Verify
+    from rodeo.jobs.runner import Runner
+    from rodeo_cli.auditing.bounds import sampled
+    from rodeo_cli.auditing.judging import Audit, wrong_roots
+    from rodeo_cli.auditing.reading import History
+    from rodeo_cli.auditing.summary import Summary
+
+    with _progress() as tell:
+        reading = tell("reading the chain", None)
+        history = History(site, deployment, folder, reading)
+        try:
+            newest = history.block if last is None else min(last, history.block)
+            attempts = history.attempts(first, newest)
+            if sample is None:
+                known = sum(1 for _ in attempts)
+                attempts = history.attempts(first, newest)
+            else:
+                # Nobody knew the block's hash when the verdicts were given.
+                chosen, known = sampled(attempts, sample, history.block_hash)
+                attempts = iter(chosen)
+            verify = Verify(site, folder / "verifying")
+            judging = tell("judging again", min(known, sample or known))
+            verdicts: list[Verdict] = []
+            with Runner(Local([verify], places), elsewhere, folder=folder / "answers") as runner:
+                examined = Audit(site, history, verify, runner)
+                for verdict in examined.judge(attempts):
+                    verdicts.append(verdict)
+                    judging(len(verdicts), 0)
+            examined.compare_claims()
+            roots = [root for root in history.roots if first <= root.block <= newest]
+            looked = iter(range(1, len(roots) + 1))
+            looking = tell("daily roots", len(roots))
+            bad = list(wrong_roots(site, roots, history.devices, lambda: looking(next(looked), 0)))
+            return Summary(
+                org=site.org,
+                block=newest,
+                known=known,
+                sampled=sample is not None and sample < known,
+                verdicts=sorted(verdicts, key=lambda one: one.attempt.place),
+                roots=len(roots),
+                wrong_roots=bad,
+                contradiction=history.contradiction(),
+            )
+        finally:
+            history.close()
+
+
+Tell = Callable[[int, int], None]
+"""Called with how much is done, and of how much where that was unknown before."""
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int | None], Tell]]:
+    """Bars with the time left, on stderr, where that is a terminal."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bars:
+
+        def begin(what: str, total: int | None) -> Tell:
+            bar = bars.add_task(what, total=total)
+            return lambda done, of: bars.update(bar, completed=done, total=total if total is not None else of)
+
+        yield begin
+
+
+def _print(summary: Summary) -> None:
+    rows = [
+        Row([*_named(one), finding.what if finding.wrong else f"{finding.what} (noted)", finding.detail])
+        for one in summary.verdicts
+        for finding in one.findings
+    ]
+    rows += [Row([*_named(one), "failed", one.unjudged]) for one in summary.failed]
+    if rows:
+        print_table(("Task", "Attempt", "Chain", "Today", "What", "Why"), rows[:_SHOWN], folds=(5,))
+    if len(rows) > _SHOWN:
+        say(f"and {count(len(rows) - _SHOWN, 'line')} more: --report or --json has all")
+    for root in summary.wrong_roots[:_SHOWN]:
+        say(f"root of day {root.root.day} of {root.root.device}: {root.detail}")
+    for log in filter(None, (one.log for one in summary.failed)):
+        errors.print(log, markup=False, highlight=False, soft_wrap=True)
+
+
+def _named(verdict: Verdict) -> list[str]:
+    attempt = verdict.attempt
+    return [str(attempt.task_id), str(attempt.number), attempt.ruling, verdict.today or "not judged"]

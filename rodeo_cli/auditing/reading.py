@@ -1,0 +1,286 @@
+"""An organization's history as the chain's events tell it: no bridge is asked, and no key is opened."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+
+from rodeo.bus.messages import DaoEvent, Device, Root, Task
+from rodeo.chain.client import connect, require_chain
+from rodeo.chain.deployment import Deployment
+from rodeo.checks.case import ChainRecord
+from rodeo.site.config import Site
+from rodeo.witness.days import day_of
+from services.bridge.contradiction import contradiction
+from services.bridge.follower import Follower
+from services.bridge.index import UNDONE, Index, sqlite_url
+from services.bridge.node import Node
+from services.bridge.queries import task_json
+from services.bridge.reading import Page
+from services.oracle.chain_view import as_of
+
+_PAGE = 2_000
+_ENDS = frozenset({"TaskSettled", "TaskRequeued", "TaskFailed", "TaskCancelled"})
+
+
+@dataclass(slots=True)
+class Attempt:
+    """One attempt at a task, from its assignment to its end."""
+
+    task_id: int
+    number: int
+    executor: str
+    assigned: dict[str, object]
+    """Fields of `Task` that the assignment sets."""
+    submitted_s: float = math.inf
+    place: tuple[int, int] = (0, 0)
+    """Place of the submission in the chain: earlier ones are smaller."""
+    proof_sha256: str = ""
+    proof_uri: str = ""
+    ruling: str = ""
+    """The last of a judge; empty where nobody ruled."""
+    amount_iec: Decimal = Decimal(0)
+    """That the ruling grants."""
+    reason: str = ""
+    report_sha256: str = ""
+    report_uri: str = ""
+    block: int = 0
+    """Block of the ruling."""
+    time_s: float = 0.0
+    """Site time of the ruling."""
+    passed_on: bool = False
+    """Its judge could not decide, so that people did."""
+    ended: str = ""
+    """Name of the event that ended it."""
+    payout: str = ""
+    paid_iec: Decimal = Decimal(0)
+    received_iec: Decimal = Decimal(0)
+    """What the payout account got in the transaction that paid it, or may collect."""
+
+
+@dataclass
+class _Reading:
+    """Attempts that have not ended, and those that ended in the transaction that is being read."""
+
+    running: dict[int, Attempt] = field(default_factory=dict)
+    reported: DaoEvent | None = None
+    ended: list[Attempt] = field(default_factory=list)
+    received: Counter[str] = field(default_factory=Counter)
+    tx_hash: str = ""
+
+
+class Owners:
+    """Participants by their address, as the chain has them: a robot's wallet owns the device of that name."""
+
+    def __init__(self, devices: list[Device], organization: str, site: Site) -> None:
+        self._names = {one.address: one.name for one in site.participants if one.address is not None}
+        self._names |= {one.owner: one.name for one in devices if one.role == "robot"}
+        self._names[organization] = "organization"
+
+    def name(self, address: str | None) -> str | None:
+        return None if address is None else self._names.get(address)
+
+
+class History:
+    """What happened in an organization. It is read into `folder`, and continued there the next time.
+
+    Args:
+        deployment: which contracts.
+        tell: called with (block, newest block) while the chain is read.
+
+    Raises ChainError.
+    """
+
+    def __init__(
+        self, site: Site, deployment: Deployment, folder: Path, tell: Callable[[int, int], None]
+    ) -> None:
+        w3 = connect(site.chain.url)
+        require_chain(w3, site.chain)
+        deployment.verify(w3)
+        self._site, self._deployment = site, deployment
+        self._node = Node(site.chain.url, currency=deployment.currency)
+        self._index = Index(
+            sqlite_url(folder / f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}.sqlite"),
+            deployment.chain_id,
+            deployment.genesis_hash,
+            deployment.contracts,
+            currency=deployment.currency,
+        )
+        follower = Follower(
+            self._node, deployment, self._index, site.chain.confirmations, lambda _event: True
+        )
+        while follower.step([]):
+            tell(self._index.position.block, follower.head)
+        self.devices = [Device.model_validate(dict(one)) for one in self._index.rules.devices()]
+        self._owners = Owners(self.devices, str(deployment.address("Organization")), site)
+        self._keys = self._key_blocks()
+        self.roots = [Root.model_validate(dict(one)) for one in self._pages_of_roots()]
+        self._by_day: dict[int, list[Root]] = defaultdict(list)
+        robots = {one.address.lower() for one in self.devices if one.role == "robot"}
+        for root in self.roots:
+            if root.device.lower() not in robots:  # no check asks what robots signed of a day
+                self._by_day[root.day].append(root)
+
+    def close(self) -> None:
+        self._index.close()
+        self._node.close()
+
+    @property
+    def block(self) -> int:
+        """The newest block that was read."""
+        return self._index.position.block
+
+    @property
+    def block_hash(self) -> str:
+        return self._index.position.block_hash
+
+    def contradiction(self) -> str | None:
+        """What the contracts say otherwise than their events: a balance, or a count. Raises ChainError."""
+        return contradiction(self._index, self._node, self._deployment)
+
+    def attempts(self, first: int, last: int) -> Iterator[Attempt]:
+        """Attempts that have ended, on which a judge ruled in these blocks."""
+        reading = _Reading()
+        for event in self._events():
+            if event.tx_hash != reading.tx_hash:
+                yield from _paid(reading, first, last)
+                reading.tx_hash = event.tx_hash
+            _read(reading, event)
+        yield from _paid(reading, first, last)
+
+    def chain_record(self, attempt: Attempt) -> ChainRecord:
+        """What the chain said when the attempt was judged, with today's roots of its days."""
+        row = self._index.tasks.get(attempt.task_id)
+        assert row is not None  # its events were applied
+        task = Task.model_validate(task_json(row, self._owners, self._deployment.currency))
+        task = Task.model_validate(task.model_dump() | _WITHOUT_END | attempt.assigned).model_copy(
+            update={
+                "executor_name": self._owners.name(attempt.executor),
+                "proof_submitted": attempt.submitted_s,
+                "proof_sha256": attempt.proof_sha256,
+                "proof_uri": attempt.proof_uri,
+                "verdict_deadline": attempt.submitted_s + task.verdict_window_s,
+            }
+        )
+        record = ChainRecord(
+            chain_id=self._deployment.chain_id,
+            task_manager=self._deployment.address("TaskManager"),
+            organization=self._deployment.address("Organization"),
+            task=task,
+            devices=self.devices,
+        )
+        days = range(day_of(task.assigned or 0.0) - 1, day_of(attempt.submitted_s) + 2)
+        roots = [root for day in days for root in self._by_day.get(day, ())]
+        return as_of(record, attempt.block, self._keys).chain_record.model_copy(update={"roots": roots})
+
+    def _events(self) -> Iterator[DaoEvent]:
+        """All that are on the chain, in its order."""
+        undone = {int(one.args["undone_seq"]) for one in self._pages((UNDONE,))}
+        for event in self._pages(()):
+            if event.name != UNDONE and event.seq not in undone:
+                yield event
+
+    def _pages(self, names: tuple[str, ...]) -> Iterator[DaoEvent]:
+        after = 0
+        while events := self._index.events_after(after, _PAGE, names):
+            yield from events
+            after = events[-1].seq
+
+    def _pages_of_roots(self) -> Iterator[dict[str, object]]:
+        offset = 0
+        while rows := self._index.rules.roots(None, Page(_PAGE, offset))[0]:
+            yield from map(dict, rows)
+            offset += len(rows)
+
+    def _key_blocks(self) -> dict[str, tuple[float, float]]:
+        """Key -> block in which it was registered, and revoked."""
+        blocks: dict[str, tuple[float, float]] = {}
+        for event in self._pages(("DeviceRegistered", "DeviceRevoked")):
+            key = str(event.args["device"]).lower()
+            registered, _ = blocks.get(key, (0, math.inf))
+            is_new = event.name == "DeviceRegistered"
+            blocks[key] = (event.block, math.inf) if is_new else (registered, event.block)
+        return blocks
+
+
+_WITHOUT_END: dict[str, object] = {
+    "state": "submitted",
+    "paid_iec": Decimal(0),
+    "refunded_iec": Decimal(0),
+    "accepted": True,
+    "passed": [],
+    "passed_on": False,
+    **dict.fromkeys(("settled", "verdict", "fault", "reason", "report_sha256", "report_uri", "standing")),
+    **dict.fromkeys(("case_end", "dispute")),
+}
+"""Fields of a task that waits for its verdict, whatever became of it later."""
+
+
+def _read(reading: _Reading, event: DaoEvent) -> None:
+    args, running = event.args, reading.running.get(event.task_id or 0)
+    if event.name == "Transfer":
+        reading.received[str(args["to"])] += Decimal(args["value_iec"])  # type: ignore[assignment]
+    elif event.name == "PaymentDeferred":
+        reading.received[str(args["account"])] += Decimal(args["amount_iec"])  # type: ignore[assignment]
+    elif event.name == "TaskAssigned" and event.task_id is not None:
+        reading.running[event.task_id] = _assigned(event)
+    elif event.name == "Reported":
+        reading.reported = event
+    elif running is None:
+        return
+    elif event.name == "ProofSubmitted":
+        running.submitted_s, running.place = event.time_s, (event.block, event.log_index)
+        running.proof_sha256, running.proof_uri = str(args["proof_hash"]).lower(), str(args["uri"])
+    elif event.name == "PassedOn":
+        running.passed_on = True
+    elif event.name == "Ruled":
+        _ruled(running, event, reading.reported)
+        reading.reported = None
+    elif event.name in _ENDS:
+        del reading.running[running.task_id]
+        running.ended = event.name
+        if event.name == "TaskSettled":
+            running.payout, running.paid_iec = str(args["payout"]), Decimal(args["paid_iec"])
+        reading.ended.append(running)
+
+
+def _assigned(event: DaoEvent) -> Attempt:
+    args = event.args
+    fields = {
+        "attempt": int(args["attempt"]),
+        "executor": str(args["executor"]),
+        "service_id": int(args["service_id"]),
+        "price_iec": Decimal(args["price_iec"]),
+        "nonce": str(args["nonce"]),
+        "execution_deadline": float(args["deadline"]),
+        "assigned": event.time_s,
+    }
+    return Attempt(event.task_id or 0, int(args["attempt"]), str(args["executor"]), fields)
+
+
+def _ruled(attempt: Attempt, event: DaoEvent, reported: DaoEvent | None) -> None:
+    if not int(str(event.args["report"]), 16):
+        return  # nobody ruled: it ended with its window
+    attempt.ruling = str(event.args["ruling"])
+    attempt.amount_iec = Decimal(event.args["amount_iec"])
+    attempt.block, attempt.time_s = event.block, event.time_s
+    sha256 = str(event.args["report"]).lower()
+    if reported is not None and reported.tx_hash == event.tx_hash:
+        attempt.reason, attempt.report_uri = str(reported.args["reason"]), str(reported.args["report_uri"])
+    elif sha256 != attempt.report_sha256:
+        attempt.reason = attempt.report_uri = ""
+    attempt.report_sha256 = sha256
+
+
+def _paid(reading: _Reading, first: int, last: int) -> Iterator[Attempt]:
+    """Those that ended in the transaction that was read, with what it transferred."""
+    for attempt in reading.ended:
+        attempt.received_iec = Decimal(reading.received[attempt.payout])
+        if attempt.ruling and first <= attempt.block <= last:
+            yield attempt
+    reading.ended.clear()
+    reading.received.clear()

@@ -1,0 +1,171 @@
+"""Settled tasks on a chain in this process: real contracts and real proofs, which no oracle has judged."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+
+from rodeo.bus.messages import Vote
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import TaskRequest
+from rodeo.chain.contracts.types import ZERO_ADDRESS
+from rodeo.checks.report import Check, Report
+from rodeo.checks.rules import rules_hash
+from rodeo.evidence.seal import Binding
+from rodeo.evidence.store import Store
+from rodeo.judging.votes import finding
+from rodeo.kinds import kinds_of
+from rodeo.money.currency import IEC
+from rodeo.signing import wallets
+from rodeo.site.config import Site
+from rodeo_kinds.battery_charging.harness.film import KIND, film_charging, register_after
+from rodeo_testing.recordings import REGISTER_WH, ROBOT_RECEIPT, Sides, Take, Witnesses, seal
+from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, founded
+from tests.support.site import LAB
+
+APART_S = 3600
+"""Site time between two charges."""
+SOC_FROM = 0.94
+"""From there on a charge takes some minutes."""
+PRICE_IEC = Decimal(10)
+OTHER_RULES = "0x" + "ab" * 32
+
+
+@dataclass
+class Clock:
+    now_s: int = GENESIS_S
+
+    def __call__(self) -> int:
+        return self.now_s
+
+
+@dataclass
+class Settled:
+    """An organization whose robot buys short charges, which are paid one after the other."""
+
+    organization: Organization
+    clock: Clock
+    register_wh: float = REGISTER_WH
+    turns: int = 0
+    files: dict[int, Path] = field(default_factory=dict)
+    """Task -> its proof in the store."""
+
+    def __post_init__(self) -> None:
+        site, client = self.organization.site, self.organization.client
+        self.store, self.rules = Store(site), rules_hash(kinds_of(site)[KIND]) or ""
+        self.meter = wallets.load(site, f"{site.docks[0].name}-device")
+        robot = wallets.load(site, "panther1-device")
+        self.witnesses = Witnesses(charge=Sides(meter=self.meter, robot=robot))
+        by, calls = self.organization.operator, client.organization_calls
+        for _ in range(2):  # so that it may have two tasks at a time
+            offer = calls.register_service(KIND, IEC.to_units(PRICE_IEC), 0, True, "")
+            self.organization.send(by, offer)
+        purse = IEC.to_units(40 * PRICE_IEC)
+        self.organization.send(by, calls.transfer(self.organization.robot.address, purse))
+        approved = client.calls.approve(client.task_manager, purse)
+        self.organization.send(self.organization.robot, approved)
+
+    def allow(self, rules: str) -> None:
+        """Make other rules current, too."""
+        client = self.organization.client
+        judge = client.deployment.address("OracleJudge")
+        allowed = client.organization_calls.allow_kind(KIND, judge, bytes.fromhex(rules[2:]))
+        self.organization.send(self.organization.operator, allowed)
+
+    def settle(self, *, rules: str | None = None, tasks: int = 1, receipts: bool = True) -> list[int]:
+        """Numbers of `tasks` tasks that are all paid for one charge. Without `receipts` the robot signed none
+        of it."""
+        self.turns += 1
+        film = film_charging(
+            self.organization.site,
+            soc=SOC_FROM,
+            register_wh=self.register_wh,
+            after_s=APART_S * self.turns,
+        )
+        self.register_wh = register_after(film)
+        take = film if receipts else film.without(ROBOT_RECEIPT)
+        self.clock.now_s = int(take.start_s) - 4
+        assigned = [self._post(rules or self.rules) for _ in range(tasks)]
+        proofs = [self._seal(take, one) for one in assigned]
+        self.clock.now_s = int(take.end_s) + 4
+        for one, (sha256, uri) in zip(assigned, proofs, strict=True):
+            self._submit_and_accept(one, sha256, uri, rules or self.rules)
+        return [one.task_id for one in assigned]
+
+    def _post(self, rules: str) -> events.TaskAssigned:
+        params = {"robot": "panther1", "dock": "dock1", "soc_from": SOC_FROM, "soc_target": 0.95}
+        request = TaskRequest(
+            KIND,
+            IEC.to_units(PRICE_IEC),
+            14_400,
+            3600,
+            3,
+            bytes.fromhex(rules[2:]),
+            0,
+            ZERO_ADDRESS,
+            json.dumps({"params": params | {"energy_wh": 5.0}, "description": ""}),
+        )
+        organization = self.organization
+        posted = organization.events(organization.robot, organization.client.calls.register_task(request))
+        return next(one for one in posted if isinstance(one, events.TaskAssigned))
+
+    def _seal(self, take: Take, assigned: events.TaskAssigned) -> tuple[str, str]:
+        """Hash and URI of the proof, which is in the store."""
+        client = self.organization.client
+        binding = Binding(
+            chain_id=CHAIN_ID,
+            task_manager=client.task_manager,
+            organization=client.organization,
+            device="dock1",
+            task_id=assigned.task_id,
+            attempt=assigned.attempt,
+            executor=assigned.executor,
+            nonce="0x" + assigned.nonce.hex(),
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            proof = seal(take, Path(folder, "proof.mcap"), binding, self.meter, self.witnesses)
+            uri = self.store.put(proof.path)
+        self.files[assigned.task_id] = Path(uri.removeprefix("file://"))
+        return proof.sha256, uri
+
+    def _submit_and_accept(self, assigned: events.TaskAssigned, sha256: str, uri: str, rules: str) -> None:
+        """Whatever it shows: no oracle has looked at it."""
+        organization, calls = self.organization, self.organization.client.organization_calls
+        task_id, attempt = assigned.task_id, assigned.attempt
+        submitted = calls.submit_proof(task_id, attempt, bytes.fromhex(sha256[2:]), uri)
+        organization.send(organization.operator, submitted)
+        report = Report.of(
+            [Check(name="fetched", passed=True)],
+            kind=KIND,
+            task_id=task_id,
+            attempt=attempt,
+            rules_sha256=rules,
+        )
+        report_uri, report_sha256 = self.store.put_bytes(report.to_bytes(), ".json")
+        vote = Vote(
+            task_id=task_id,
+            attempt=attempt,
+            proof_sha256=sha256,
+            report_sha256=report_sha256,
+            rules_sha256=rules,
+            ruling="accepted",
+            fault="nobody",
+            amount_iec=PRICE_IEC,
+            reason="accepted",
+        )
+        judges = organization.client.judge_calls
+        organization.send(organization.oracle, judges.oracle.rule(finding(vote, IEC), report_uri))
+
+
+@contextmanager
+def settling(folder: Path) -> Iterator[Settled]:
+    """An organization that has settled nothing yet."""
+    clock = Clock()
+    wall = Site.load(LAB).clock.model_copy(update={"source": "wall"})
+    with founded(folder, clock, clock=wall) as organization:
+        yield Settled(organization, clock)

@@ -1,0 +1,139 @@
+"""An audit finds the verdicts that would be others today, and no others: from chain, store and lab alone."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+import pytest
+from typer.testing import CliRunner
+
+from rodeo.chain.deployment import Deployment
+from rodeo_cli.audit import examine
+from rodeo_cli.auditing.bounds import upper_bound
+from rodeo_cli.auditing.page import conclusions, page
+from rodeo_cli.auditing.summary import Summary
+from rodeo_cli.commands import app
+from tests.docs.text import ROOT
+from tests.support.organization import CHAIN_ID
+from tests.support.settled import OTHER_RULES, PRICE_IEC, Settled, settling
+
+pytestmark = pytest.mark.long
+
+TASKS = 30
+PLANTED = ("file", "rules", "acts")
+
+
+class Audited(NamedTuple):
+    settled: Settled
+    folder: Path
+    planted: dict[int, str]
+    """Task -> what is wrong with it."""
+    summary: Summary
+
+    def examine(self, **options: int) -> Summary:
+        return examined(self.settled, self.folder, **options)
+
+
+def examined(settled: Settled, folder: Path, **options: int) -> Summary:
+    site = settled.organization.site
+    return examine(site, Deployment.load(site.data_dir, CHAIN_ID), folder, **options)
+
+
+@pytest.fixture(scope="module")
+def audited(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Audited]:
+    """Thirty paid tasks. The commit decides which three of them are wrong."""
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
+    turns = dict(zip(sorted(Random(commit).sample(range(1, TASKS - 1), 3)), PLANTED, strict=True))
+    folder = tmp_path_factory.mktemp("audited")
+    with settling(folder) as settled:
+        settled.allow(OTHER_RULES)
+        planted: dict[int, str] = {}
+        for turn in range(TASKS - 1):  # two of them in the turn in which one film pays twice
+            planted |= settle(settled, turns.get(turn, ""))
+        assert len(settled.files) == TASKS
+        # An outsider has no keys.
+        shutil.rmtree(settled.organization.site.data_dir / "keys")
+        yield Audited(settled, folder / "audit", planted, examined(settled, folder / "audit"))
+
+
+def settle(settled: Settled, wrong: str) -> dict[int, str]:
+    """Settle a task; its number, where something is `wrong` with it."""
+    if wrong == "acts":
+        *_, second = settled.settle(tasks=2)
+        return {second: wrong}
+    if wrong == "rules":
+        (task,) = settled.settle(rules=OTHER_RULES, receipts=False)
+        return {task: wrong}
+    (task,) = settled.settle()
+    if wrong == "file":
+        settled.files[task].write_bytes(b"something else")
+        return {task: wrong}
+    return {}
+
+
+def test_the_planted_verdicts_are_found_and_no_others(audited: Audited) -> None:
+    wrong = {one.attempt.task_id: one.findings[0].what for one in audited.summary.wrong}
+    assert wrong == audited.planted
+    assert len(audited.summary.verdicts) == audited.summary.known == TASKS
+    assert not audited.summary.failed
+
+
+def test_each_finding_says_why(audited: Audited) -> None:
+    details = {one.findings[0].what: one.findings[0].detail for one in audited.summary.wrong}
+    assert "proof_hash_mismatch" in details["file"]
+    assert "the chain has accepted; today it is" in details["rules"]
+    assert "/register/" in details["acts"] and "was paid for in task" in details["acts"]
+
+
+def test_the_sums_are_those_on_the_chain(audited: Audited) -> None:
+    assert audited.summary.paid_iec == TASKS * PRICE_IEC
+    assert audited.summary.contradiction is None
+
+
+def test_a_second_audit_continues_from_the_answers_of_the_first(audited: Audited) -> None:
+    def written() -> dict[str, int]:
+        return {one.name: one.stat().st_mtime_ns for one in (audited.folder / "answers").iterdir()}
+
+    before = written()
+    assert len(before) == TASKS
+    assert [one.attempt.task_id for one in audited.examine().wrong] == sorted(audited.planted)
+    assert written() == before
+
+
+def test_blocks_bound_what_is_audited(audited: Audited) -> None:
+    first, last = (one.attempt.block for one in audited.summary.verdicts[4:8:3])
+    some = audited.examine(first=first, last=last)
+    assert [one.attempt.task_id for one in some.verdicts] == [
+        one.attempt.task_id for one in audited.summary.verdicts[4:8]
+    ]
+
+
+def test_a_sample_bounds_the_share_of_wrong_verdicts(audited: Audited) -> None:
+    some = audited.examine(sample=10)
+    assert (len(some.verdicts), some.known) == (10, TASKS)
+    assert some.most_wrong == upper_bound(len(some.wrong), 10)
+    assert "With 95 % confidence" in " ".join(conclusions(some))
+
+
+def test_the_page_loads_nothing_and_names_what_is_wrong(audited: Audited) -> None:
+    text = page(audited.summary)
+    assert "<svg" in text and "proof_hash_mismatch" in text
+    assert not any(word in text for word in ("<script", "http:", "https:", "src=", "@import"))
+
+
+def test_the_command_exits_with_1_and_prints_what_it_found(audited: Audited, tmp_path: Path) -> None:
+    site = audited.settled.organization.site
+    record = Deployment.path(site.data_dir, CHAIN_ID)
+    words = ["audit", "--site", audited.folder.parent / "site.toml", "--deployment", record]
+    words += ["--out", audited.folder, "--report", tmp_path / "audit.html", "--json"]
+    done = CliRunner(env={"RODEO__CLOCK__SOURCE": "wall"}).invoke(app, [str(word) for word in words])
+    assert done.exit_code == 1, done.output
+    said = json.loads(done.stdout)
+    assert said["findings"] == dict.fromkeys(sorted(PLANTED), 1)
+    assert (tmp_path / "audit.html").read_text().startswith("<!doctype html>")
