@@ -110,7 +110,7 @@ class MyBin:
 
     def sign(self, model, kept_as, **said):
         chain = self.witness.chain
-        if kept_as:  # the statement's own number, which goes on after a restart
+        if kept_as:  # the statement's own number, which a restart does not begin anew
             said["number"] = 1 + max((one.payload["seq"] for one in chain.last(1)), default=0)
         signed = chain.sign(model, self.process.clock.now_s(), **said)
         self.last = self.last | ({kept_as: signed.model_dump()} if kept_as else {})

@@ -28,7 +28,8 @@ class LiveDao(Dao):
         self._wait_s = wait_s
         self.activities: list[str] = []
         self.listen()
-        running.bus.subscribe_json(f"rodeo/{self.site.org}/status/robot_agent", self._on_status)
+        status = topics.STATUS.name(org=self.site.org, process="robot_agent")
+        running.bus.subscribe_json(status, self._on_status)
 
     def _on_status(self, _key: str, data: dict[str, Any]) -> None:
         with self._changed:
