@@ -19,7 +19,7 @@ from tests.support.nodes import router_port as router_port
 import mujoco  # after the lab, which chooses its OpenGL back end
 
 MORE_BYTES = 20_000
-"""Zenoh puts a message of this size into shared memory unless it is told not to."""
+"""Zenoh puts a message of this size into shared memory where it may."""
 
 
 def test_large_messages_map_no_shared_memory(router_port: int) -> None:
