@@ -33,7 +33,7 @@ COMMANDS = {
     "report": ("report:report", "Show what each participant earned and spent, by kind of work and week."),
     "verify": (
         "verify:verify",
-        "Run the oracle's checks on a proof here and now. Exit status 1 when one fails.",
+        "Run the oracle's checks on proofs here and now, several side by side. Exit status 1 when one fails.",
     ),
     "audit": (
         "audit:audit",

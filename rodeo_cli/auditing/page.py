@@ -75,7 +75,7 @@ def _figures(summary: Summary) -> list[tuple[str, str]]:
         ("verdicts that could not be judged again", str(len(summary.failed))),
         ("paid for them", f"{summary.paid_iec:f} IEC"),
         ("daily roots looked at", str(summary.roots)),
-        ("contracts and events", summary.contradiction or "agree"),
+        ("contracts and events", summary.contradiction or "equal"),
     ]
 
 

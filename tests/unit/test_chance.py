@@ -148,6 +148,7 @@ ELSEWHERE = {
     "rodeo/signing/wallets.py": "a passphrase",
     "rodeo/commands/governance.py": "salts by which equal proposals are told apart",
     "rodeo/commands/relaying.py": "nonces of signed requests, which only have to be new",
+    "rodeo_cli/auditing/bounds.py": "a sample, chosen by the hash of the newest block",
     "rodeo_cli/accounts.py": "the passphrase of the demo's account, which nobody learns",
     "rodeo/access/accounts.py": "tokens, and the hash of nobody's passphrase",
     "services/console/guard.py": "the nonce of a page",

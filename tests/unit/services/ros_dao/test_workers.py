@@ -34,7 +34,7 @@ def test_a_request_that_fails_keeps_no_place() -> None:
 
     for _ in range(3 * MOST_WAITING):
         wait_until(lambda: _taken(pool, fail))
-    pool.submit(done.set)
+    wait_until(lambda: _taken(pool, done.set))
     wait_until(done.is_set)
     pool.close()
 
