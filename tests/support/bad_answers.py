@@ -105,12 +105,16 @@ def bad_results(method: str) -> Iterator[Any]:
         yield {**good, "timestamp": hex(2**62)}
 
 
+_NO_VALUES: tuple[object, ...] = (5, "zz", "0xzz", {}, "0x" + "f" * 71)
+"""No field of an answer has one of these."""
+
+
 def _spoilt(good: Mapping[str, Any], without: set[str] | frozenset[str] = frozenset()) -> Iterator[Any]:
     for name in good.keys() - without:
         if name not in _OPTIONAL:
             yield {key: value for key, value in good.items() if key != name}
             yield {**good, name: None}
-        yield from ({**good, name: bad} for bad in (5, "zz", "0xzz", {}, "0x" + "f" * 71))
+        yield from ({**good, name: bad} for bad in _NO_VALUES)
 
 
 @dataclass(frozen=True)
