@@ -58,7 +58,7 @@ lab: $(DEV)  ## a lab without the simulator, on loopback: its devices speak NatN
 	@$(BIN)/python -m tests.reallab
 
 # Python's and the contracts' tests side by side, and one line at the end.
-TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS)
+TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS) $(if $(MINUTES),--minutes $(MINUTES))
 
 test: $(DEV) node-packages  ## everything that checks the project, but for what takes minutes
 	@$(TESTS)

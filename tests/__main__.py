@@ -89,13 +89,14 @@ def with_long() -> list[str]:
     return [str(one) for one in files if "mark.long" in one.read_text()]
 
 
-def python(chosen: list[str], jobs: int, chain: str) -> Tally:
-    """pytest's tests. pytest prints its own progress."""
+def python(chosen: list[str], jobs: int, chain: str, until_s: float | None) -> Tally:
+    """pytest's tests, none of which begins after `until_s`. pytest prints its own progress."""
     counted = OUT / "tally.json"
     counted.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", "-p", "tests.support.tally", "--tally", str(counted)]
     command += ["--chain", chain, "--forks", "--numprocesses", str(jobs), "--dist", "loadfile"]
     command += ["--no-loadscope-reorder", "--durations", "25", "--durations-min", "5", *chosen]
+    command += [] if until_s is None else ["--until", str(until_s)]
     status = subprocess.run(command, check=False).returncode
     tally = Tally.read(counted) if counted.exists() else Tally()
     if status and not tally.failed:
@@ -117,14 +118,18 @@ def main() -> int:
     parser.add_argument("--only", choices=("python", "contracts"), help="one part")
     parser.add_argument("--jobs", type=int, default=3, help="test files that run at the same time")
     parser.add_argument("--chain", default="eth-tester", help="which local chain sites of tests run on")
+    parser.add_argument(
+        "--minutes", type=float, help="begin no test in Python after this time; name those left"
+    )
     asked = parser.parse_args()
+    until_s = None if asked.minutes is None else time.time() + 60 * asked.minutes
     os.chdir(ROOT)
     # Containers set it. Hundreds of processes start here, and each would compile the sources anew.
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     OUT.mkdir(exist_ok=True)
     tally = Tally()
     if asked.long and asked.only != "contracts":
-        tally += python(["-m", ALONE, *with_long()], 0, asked.chain)
+        tally += python(["-m", ALONE, *with_long()], 0, asked.chain, until_s)
     contracts = None if asked.fast or asked.only == "python" else Contracts(asked.long)
     if asked.only != "contracts":
         chosen = ["-m", f"long and not {ALONE}", *with_long()] if asked.long else ["-m", "not long"]
@@ -133,7 +138,7 @@ def main() -> int:
                 *(f"tests/unit/{path}" for path in FAST),
                 *(f"--ignore=tests/unit/{one}" for one in SLOW),
             ]
-        tally += python(chosen, asked.jobs, asked.chain)
+        tally += python(chosen, asked.jobs, asked.chain, until_s)
     if contracts is not None:
         tally += contracts.wait()
     more = ""

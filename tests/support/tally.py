@@ -15,6 +15,7 @@ import pytest
 _KEY = "deselected"
 LONG_S = 300.0
 """Wall time after which a running test is named, so that a suite which is ended shows what held it."""
+OUT_OF_TIME = "out of time"
 
 
 @dataclass
@@ -44,13 +45,19 @@ class Tally:
 
 
 class _Counting:
-    def __init__(self, config: pytest.Config, path: Path) -> None:
+    def __init__(self, config: pytest.Config, path: Path, until_s: float | None) -> None:
         self._config = config
         self._path = path
+        self._until_s = until_s
         self._tally = Tally()
         self._failed: set[str] = set()
         self._since: dict[str, float] = {}
         """Test that runs -> wall time of its start, until it is named or ends."""
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self) -> None:
+        if self._until_s is not None and time.time() > self._until_s:
+            pytest.skip(OUT_OF_TIME)
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._since[nodeid] = time.monotonic()
@@ -71,6 +78,8 @@ class _Counting:
             why = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
             reason = why.removeprefix("Skipped: ")
             tally.skipped[reason] = tally.skipped.get(reason, 0) + 1
+            if reason == OUT_OF_TIME:
+                self._say(f"{reason}: {report.nodeid}")
         elif report.when == "call":
             tally.passed += 1
 
@@ -109,9 +118,12 @@ class _Counting:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--tally", type=Path, help="write what was counted to this file")
+    parser.addoption(
+        "--until", type=float, help="begin no test after this time (s since 1970), but skip it by name"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     path = config.getoption("--tally")
     if path is not None:
-        config.pluginmanager.register(_Counting(config, path))
+        config.pluginmanager.register(_Counting(config, path, config.getoption("--until")))

@@ -54,6 +54,27 @@ def test_what_runs_for_long_is_named_before_it_ends(tmp_path: Path) -> None:
     assert "runs for -1 s and more: test_some.py::test_that_hangs" in done.stdout.splitlines()
 
 
+def test_what_is_left_after_the_last_minute_is_skipped_by_name(tmp_path: Path) -> None:
+    (tmp_path / "test_some.py").write_text("def test_that_is_left(): assert False\n")
+    counted = tmp_path / "tally.json"
+    words = [
+        "-p",
+        "tests.support.tally",
+        "--tally",
+        str(counted),
+        "--until",
+        "0",
+        "-n",
+        "1",
+        "--rootdir",
+        str(tmp_path),
+    ]
+    command = [sys.executable, "-m", "pytest", "-q", *words, str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "out of time: test_some.py::test_that_is_left" in done.stdout.splitlines()
+    assert Tally.read(counted).skipped == {"out of time": 1}
+
+
 def test_the_line_says_why_tests_were_skipped() -> None:
     both = Tally(3, 0, {"Chromium is missing: make system": 2}, 7) + Tally(1, 1)
     assert str(both) == "4 passed, 1 failed, 2 skipped (2: Chromium is missing: make system)"
