@@ -67,6 +67,7 @@ COMMANDS = {
         "Write what starts the site's processes in place of `rodeo up`: systemd units, or containers.",
     ),
     "kind": ("kinds:kinds", "List, show, check and create kinds of work."),
+    "pool": ("pool:pool", "Run a pool of machines for audits and studies."),
     "experiment": ("experiment:experiments", "Run and measure whole days of a site."),
 }
 """Name -> module of this package with its function or group, and the beginning of its help."""

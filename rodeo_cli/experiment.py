@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,8 +14,10 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 import deploy
+from rodeo.errors import InvalidRequest
 from rodeo.site.config import Site
 from rodeo_cli.common import console, reports_errors, say
+from rodeo_cli.pooling import TLS, PoolOption, TlsOption, TrustOption, engine
 from rodeo_cli.site import stop_on_signals
 
 if TYPE_CHECKING:
@@ -39,6 +41,20 @@ CalibratedOption = Annotated[
         show_default="only where site, days, robots, arrivals and pace are the published ones",
     ),
 ]
+ArrivalsOption = Annotated[
+    str, typer.Option(help="poisson:RATE per hour, or a CSV file with a column `hours`.", metavar="SOURCE")
+]
+PaceOption = Annotated[
+    Literal["site", "paper"], typer.Option(help="Speed limits of the site file, or slower ones.")
+]
+ChangesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Run each of these values of a setting, as agent.charge_below=0.3,0.5; several combine.",
+        metavar="KEY=A,B,C",
+    ),
+]
 
 
 @experiments.command()
@@ -53,45 +69,49 @@ def paper(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of every random choice.")] = None,
     days: Annotated[int | None, typer.Option(min=1, max=14, help="Site days.")] = None,
     robots: Annotated[int | None, typer.Option(min=1, max=8, help="Number of robots.")] = None,
-    arrivals: Annotated[
-        str,
-        typer.Option(help="poisson:RATE per hour, or a CSV file with a column `hours`.", metavar="SOURCE"),
-    ] = "",
+    arrivals: ArrivalsOption = "",
     tariff: TariffOption = None,
     chain: Annotated[Literal["eth-tester", "anvil"] | None, typer.Option(help="The local chain.")] = None,
-    pace: Annotated[
-        Literal["site", "paper"], typer.Option(help="Speed limits of the site file, or slower ones.")
-    ] = "site",
+    pace: PaceOption = "site",
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
     ] = False,
-    seeds: Annotated[
-        int, typer.Option(min=1, max=100, help="Number of seeds to run, one after the other.")
-    ] = 1,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Number of seeds to run.")] = 1,
+    changes: ChangesOption = None,
     calibrated: CalibratedOption = None,
+    pool: PoolOption = None,
+    tls: TlsOption = TLS,
+    trust_pool: TrustOption = False,
 ) -> None:
     """Run the days of the published experiment, and report them beside its numbers.
 
     A second run of the same days is calibrated: its base load and pace were fitted to the paper. The report
     shows both beside the paper.
 
+    With --seeds or --set, each run is a job: it is kept once it is done, and not run again. The report shows
+    the medians of all seeds with their intervals, for each setting.
+
     Exit status 0 only if every arrival was posted, every task is over and the supply of IEC was conserved.
     """
+    from rodeo_cli.study import Study
     from rodeo_experiments.site import Variation
 
     _need_matplotlib()
     stop_on_signals()
     vary = Variation(seed=seed, days=days, robots=robots, tariff=tariff, chain=chain, slow=pace == "paper")
+    studied = seeds > 1 or bool(changes)
+    if pool and not studied:
+        raise InvalidRequest("a pool does the runs of a study: use --seeds or --set", pool=pool)
     if calibrated is None:
-        calibrated = site == PAPER and not (days or robots or arrivals or vary.slow) and seeds == 1
+        calibrated = site == PAPER and not (days or robots or arrivals or vary.slow or studied)
     try:
-        problems = (
-            _run(site, out, vary, arrivals, resume, calibrated)
-            if seeds == 1
-            else _run_seeds(site, out, vary, arrivals, resume, calibrated, seeds)
-        )
+        if studied:
+            study = Study(site, out, vary, arrivals, seeds, changes or (), calibrated)
+            problems = study.run(partial(engine, pool, Site.load(site), tls=tls, trust=trust_pool))
+        else:
+            problems = _run(site, out, vary, arrivals, resume, calibrated)
     except KeyboardInterrupt:
-        console.print("stopped; --resume continues")
+        say(f"stopped; {'the same command' if studied else '--resume'} continues")
         raise typer.Exit(130) from None
     for problem in problems:
         console.print(f"[bold red]not as expected[/]: {escape(problem)}")
@@ -193,28 +213,6 @@ def _options(base: Path, vary: Variation, source: str) -> dict[str, str | int | 
         "chain": vary.chain,
         "pace": "paper" if vary.slow else None,
     }
-
-
-def _run_seeds(
-    base: Path, out: Path, vary: Variation, source: str, resume: bool, calibrated: bool, count: int
-) -> list[str]:
-    """A run for each seed in a folder of its own; the last report shows all of them."""
-    from dataclasses import replace
-
-    from rodeo_experiments.record import Run
-    from rodeo_experiments.report import write_report
-    from rodeo_experiments.results import Figures
-
-    first = vary.seed if vary.seed is not None else Site.load(base).clock.seed or 0
-    problems, folders = [], [out / f"seed-{first + number}" for number in range(count)]
-    for number, folder in enumerate(folders):
-        found = _run(base, folder, replace(vary, seed=first + number), source, resume, calibrated)
-        problems += [f"seed {first + number}: {one}" for one in found]
-    runs = [Run.load(folder / "run.json") for folder in folders]
-    results = [Figures(run).results() for run in runs]
-    write_report(runs[0], Site.load(folders[0] / "site.toml"), out, problems, results)
-    (out / "seeds.json").write_text(json.dumps(results, indent=2) + "\n")
-    return problems
 
 
 class _Shown:

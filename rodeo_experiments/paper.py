@@ -24,6 +24,14 @@ CHARGING_ORACLE_MIN = (0.8, 1.0, 0.3)
 FUNDED = (1, 3, 7)
 HOURS_PER_CHARGE = 8
 REPLAY_SPEED = 3
+REPORTED: dict[str, float] = {
+    "cleaning_settled": CLEANINGS,
+    "charging_settled": CHARGES,
+    "cleaning_execution_min_median": CLEANING_MIN,
+    "charging_min_median": statistics.median(CHARGING_MIN),
+    "balance_end_iec": END_IEC,
+}
+"""Name in `results.json` -> what the paper reports of it."""
 
 
 @dataclass(frozen=True)

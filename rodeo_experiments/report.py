@@ -14,15 +14,13 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from scipy.stats import t as student_t
-
 from rodeo.display.earnings import COLUMNS, cells, earnings
 from rodeo.lab.schedule import zone
 from rodeo.site.config import Site
 from rodeo.site.sections import ExperimentConfig
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
-from rodeo_experiments.results import Figures, Value, median, step_of
+from rodeo_experiments.results import Figures, median, step_of
 
 _LIMITS = (
     "The robot, its arm, the bin, the dock and the lab are simulated in MuJoCo. Contacts, motors and "
@@ -169,10 +167,9 @@ def markdown(
     site: Site,
     captions: dict[str, str],
     problems: Sequence[str],
-    seeds: Sequence[dict[str, Value]] = (),
     calibrated: Figures | None = None,
 ) -> str:
-    """The report. `seeds` are the results of several runs, for the intervals."""
+    """The report."""
     run, experiment = figures.run, site.experiment
     assert experiment is not None
     lines = [
@@ -192,27 +189,25 @@ def markdown(
         from_w = site.robots[0].battery.idle_power_w
         to_w = experiment.calibrated_idle_power_w or from_w
         lines += [paper.fitted(figures, calibrated, from_w, to_w), ""]
-    lines += _table(heads[:columns], [row[:columns] for row in rows])
+    lines += table_lines(heads[:columns], [row[:columns] for row in rows])
     lines += ["", "## Where the paper's numbers contradict each other", ""]
     lines += [f"- {one}" for one in paper.contradictions()]
     lines += ["", "## What differs between its robot and ours", "", _differences(figures, site), ""]
     if explained := [*figures.explained, *run.notes]:
         lines += ["## Tasks that were not paid", "", *(f"- {one}" for one in explained), ""]
-    if seeds:
-        lines += ["## Several seeds", "", *_seeds(seeds), ""]
     lines += ["## Figures", ""]
     for name, caption in captions.items():
         lines += [f"![{name}](figures/{name}.svg)", "", caption, ""]
     lines += ["## What everybody earned and spent, by week", "", *_earnings(run, site), ""]
     lines += ["## What the steps cost", "", *_fees(figures, experiment), ""]
     lines += ["## Method", "", *_method(figures), ""]
-    lines += ["## Parameters", "", *_table(("parameter", "value"), sorted(run.parameters.items())), ""]
-    lines += ["## Machine and versions", "", *_table(("what", "which"), sorted(run.machine.items())), ""]
+    lines += ["## Parameters", "", *table_lines(("parameter", "value"), sorted(run.parameters.items())), ""]
+    lines += ["## Machine and versions", "", *table_lines(("what", "which"), sorted(run.machine.items())), ""]
     lines += ["## Limits of the simulation", "", *(f"- {one}" for one in _LIMITS), ""]
     lines += [
         "## All results",
         "",
-        *_table(("name", "value"), [(k, json.dumps(v)) for k, v in figures.results().items()]),
+        *table_lines(("name", "value"), [(k, json.dumps(v)) for k, v in figures.results().items()]),
     ]
     return "\n".join(lines) + "\n"
 
@@ -294,52 +289,17 @@ def _fees(figures: Figures, experiment: ExperimentConfig) -> list[str]:
     return [
         f"One ETH is {experiment.eth_eur} EUR here.",
         "",
-        *_table(("step", "transactions", "median gas", *heads), rows),
+        *table_lines(("step", "transactions", "median gas", *heads), rows),
     ]
 
 
 def _earnings(run: Run, site: Site) -> list[str]:
     lines = earnings(run.tasks, run.transactions, site.economy.electricity)
-    return _table(COLUMNS, map(cells, lines))
+    return table_lines(COLUMNS, map(cells, lines))
 
 
-def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:
-    """Mean of each number over the runs, with its 95 % confidence interval (Student's t), and the range."""
-    rows = []
-    for name in runs[0]:
-        values = [one[name] for one in runs if isinstance(one.get(name), int | float)]
-        numbers = [
-            float(value) for value in values if isinstance(value, int | float) and not isinstance(value, bool)
-        ]
-        if len(numbers) == len(runs) and name != "seed":
-            rows.append(
-                (
-                    name,
-                    f"{statistics.mean(numbers):.3f}",
-                    _interval(numbers),
-                    f"{min(numbers):.3f} to {max(numbers):.3f}",
-                )
-            )
-    kept = all(one.get("supply_conserved") is True for one in runs)
-    return [
-        f"{len(runs)} runs, seeds {', '.join(str(one['seed']) for one in runs)}. "
-        f"The supply was conserved in {'each' if kept else 'not each'} of them. "
-        "The intervals are those of the mean (Student's t). They tell of seeds only: "
-        "room, make of robot and simulator are the same in all.",
-        "",
-        *_table(("name", "mean", "95 % interval of the mean", "range"), rows),
-    ]
-
-
-def _interval(numbers: Sequence[float]) -> str:
-    if len(numbers) < 2:
-        return "–"
-    mean, count = statistics.mean(numbers), len(numbers)
-    half = float(student_t.ppf(0.975, count - 1)) * statistics.stdev(numbers) / math.sqrt(count)
-    return f"{mean - half:.3f} to {mean + half:.3f}"
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table."""
     cells = [[cell.replace("|", "\\|") for cell in row] for row in rows]
     return [
         "| " + " | ".join(heads) + " |",
@@ -368,7 +328,7 @@ def as_html(text: str, folder: Path) -> str:
         elif first.startswith("## "):
             blocks.append(f"<h2>{_inline(first[3:])}</h2>")
         elif first.startswith("| "):
-            blocks.append(_html_table(lines))
+            blocks.append(_htmltable_lines(lines))
         elif first.startswith("- "):
             blocks.append("<ul>" + "".join(f"<li>{_inline(line[2:])}</li>" for line in lines) + "</ul>")
         elif image := _IMAGE.fullmatch(first):
@@ -385,7 +345,7 @@ def as_html(text: str, folder: Path) -> str:
     )
 
 
-def _html_table(lines: Sequence[str]) -> str:
+def _htmltable_lines(lines: Sequence[str]) -> str:
     rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
     head, *body = [rows[0], *rows[2:]]
     cells = "".join(f"<th>{_inline(cell)}</th>" for cell in head)
@@ -403,7 +363,6 @@ def write_report(
     site: Site,
     folder: Path,
     problems: Sequence[str],
-    seeds: Sequence[dict[str, Value]] = (),
     calibrated: Run | None = None,
 ) -> None:
     """Everything that `rodeo experiment paper` leaves in its folder, from the run's record."""
@@ -414,6 +373,6 @@ def write_report(
     write_tables(figures, site.experiment, folder)
     captions = draw(figures, site.economy.electricity, folder / "figures")
     (folder / "results.json").write_text(json.dumps(figures.results(), indent=2) + "\n")
-    text = markdown(figures, site, captions, problems, seeds, Figures(calibrated) if calibrated else None)
+    text = markdown(figures, site, captions, problems, Figures(calibrated) if calibrated else None)
     (folder / "report.md").write_text(text)
     (folder / "report.html").write_text(as_html(text, folder))

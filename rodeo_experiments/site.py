@@ -86,13 +86,17 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
     return path
 
 
+def overrides_sha256() -> dict[str, str]:
+    """Variables that override the site file -> SHA-256 of the value, which may hold a password."""
+    return {name: hashlib.sha256(value.encode()).hexdigest() for name, value in overrides().items()}
+
+
 class Begun(BaseModel):
     """What a run was begun with, so that it continues as the same one."""
 
     options: dict[str, str | int | None]
     """By the name on the command line; None where the site file's value holds."""
-    overrides: dict[str, str] = Field(default_factory=lambda: _overrides())
-    """Variables that override the site file -> SHA-256 of the value, which may hold a password."""
+    overrides: dict[str, str] = Field(default_factory=overrides_sha256)
     times_s: list[float]
     """Site times of the arrivals."""
 
@@ -115,16 +119,12 @@ class Begun(BaseModel):
                     given=value,
                     begun_with="the site file's value" if before is None else before,
                 )
-        if changed := {name for name, _ in _overrides().items() ^ begun.overrides.items()}:
+        if changed := {name for name, _ in overrides_sha256().items() ^ begun.overrides.items()}:
             raise ExperimentFailed(
                 "--resume continues with the environment variables that a run was begun with",
                 changed=", ".join(sorted(changed)),
             )
         return begun
-
-
-def _overrides() -> dict[str, str]:
-    return {name: hashlib.sha256(value.encode()).hexdigest() for name, value in overrides().items()}
 
 
 def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[dict[str, Any]]:

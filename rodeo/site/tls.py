@@ -20,11 +20,16 @@ OPERATOR = "operator"
 
 @dataclass(frozen=True)
 class Identity:
-    """PEM files: the site's authority, this process's certificate and its private key."""
+    """PEM files: an authority, the certificate that it issued, and the private key of that."""
 
     authority: Path
     certificate: Path
     key: Path
+
+    @classmethod
+    def within(cls, folder: Path, name: str) -> Identity:
+        """Where the files of `name` are, or would be; of `ca` those of the authority itself."""
+        return cls(folder / "ca.pem", folder / f"{name}.pem", folder / f"{name}.key")
 
     def zenoh(self) -> dict[str, Any]:
         """Zenoh's `transport/link/tls`, for connecting and for listening."""
@@ -63,8 +68,7 @@ def openness(site: Site) -> str:
 
 def files(site: Site, name: str) -> Identity:
     """Where the files of `name` are, or would be."""
-    folder = (site.data_dir / "tls").absolute()
-    return Identity(folder / "ca.pem", folder / f"{name}.pem", folder / f"{name}.key")
+    return Identity.within((site.data_dir / "tls").absolute(), name)
 
 
 def identity(site: Site, name: str) -> Identity | None:

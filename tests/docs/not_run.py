@@ -16,6 +16,8 @@ _MEMBERS = "needs an organization whose members vote: tests/integration/test_gov
 _SYSTEMD = "needs a computer that systemd starts: tests/unit/deploy/test_units.py checks the units"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
+_POOL = "needs several machines: tests/integration/test_pool.py starts a pool"
+
 NOT_RUN: dict[str, str] = {
     "rodeo task dispute show 7": _DISPUTES,
     'rodeo task dispute challenge 7 --as panther1 --reason "the can is in the bin"': _DISPUTES,
@@ -108,6 +110,8 @@ BEGINNINGS = {
     "ros2 ": _ROS,
     **dict.fromkeys(("roslaunch ", "rosservice ", "rostopic ", "cp -r rodeo", "cd ~/catkin_ws"), _ROS1),
     **dict.fromkeys(("sudo apt-get install ros-", "pip3 install eclipse-zenoh"), _ROS1),
+    "rodeo experiment paper --seeds": "takes hours: tests/unit/rodeo_experiments/test_study.py runs studies",
+    **dict.fromkeys(("rodeo pool ", "sbatch ", "kubectl ", "scp ", "ssh "), _POOL),
     "python -m pytest ": _SUITE,
     "python examples/ros2/": _NODES,
     **dict.fromkeys(

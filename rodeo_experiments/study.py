@@ -1,0 +1,260 @@
+"""Many runs of an experiment as jobs. A job is a whole site: its tables, when things arrive, and the code.
+
+Equal questions have equal counts and balances as their answer, whichever machine computes it. `python -m
+rodeo_experiments.study FOLDER` is the child that conducts one run, or continues one.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import itertools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import tomllib
+from collections.abc import Sequence
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rodeo.errors import ConfigError, Interrupted, unreadable
+from rodeo.host.files import replace_file
+from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers
+from rodeo.runtime.process import die_with
+from rodeo.site.config import Site, read_tables
+from rodeo.site.endpoint import free_port
+from rodeo.text.site_problems import toml
+from rodeo_experiments.arrivals import plan
+from rodeo_experiments.conduct import Conduct, parameters
+from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.record import Run
+from rodeo_experiments.site import Variation, overrides_sha256, write_site
+
+_PACKAGES = ("rodeo", "rodeo_kinds", "services", "deploy", "rodeo_experiments")
+_LIBRARIES = ("mujoco", "numpy", "eclipse-zenoh", "py-evm")
+_RUN_BYTES = 64 << 20
+"""Size of the largest record of a run."""
+_LOG_BYTES = 64 << 10
+_LOOK_S = 0.5
+_END_S = 60.0
+"""Wall time for a site's end before it is killed."""
+
+
+@cache
+def code_sha256() -> str:
+    """SHA-256 of the files of all packages that a run executes: of a commit, however it was installed."""
+    digest = hashlib.sha256()
+    for name in _PACKAGES:
+        root = Path(str(import_module(name).__file__)).parent
+        for path in sorted(root.rglob("*")):
+            if path.is_file() and path.suffix != ".pyc":
+                digest.update(f"{name}/{path.relative_to(root).as_posix()}\0".encode())
+                digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def settings(texts: Sequence[str]) -> list[dict[str, Any]]:
+    """Every combination of what texts `name=value,value` set. A value is TOML, or else a text.
+
+    Raises ExperimentFailed.
+    """
+    named = []
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not (name and equals and values):
+            raise ExperimentFailed("write a setting as name=value,value", found=text)
+        named.append([(name, value) for value in _read(values)])
+    return [dict(one) for one in itertools.product(*named)]
+
+
+def _read(values: str) -> list[Any]:
+    try:
+        read: list[Any] = tomllib.loads(f"values = [{values}]")["values"]
+    except tomllib.TOMLDecodeError:
+        return values.split(",")
+    return read
+
+
+class Asked(BaseModel):
+    """What a run is given."""
+
+    model_config = ConfigDict(frozen=True)
+
+    tables: dict[str, Any]
+    """The site file's, without what is each machine's own."""
+    times_s: list[float]
+    """Site times of the arrivals."""
+    code_sha256: str
+    versions: dict[str, str]
+    """Versions of the libraries that counts depend on."""
+    overrides: dict[str, str]
+    """See `overrides_sha256`."""
+
+    @classmethod
+    def of(cls, base: Path, vary: Variation, changes: dict[str, Any], source: str) -> Self:
+        """A run of the site file `base`, varied, with `changes` by the names of settings. Raises ConfigError,
+        ExperimentFailed."""
+        with tempfile.TemporaryDirectory() as folder:
+            tables = json.loads(json.dumps(read_tables(write_site(base, Path(folder), vary)), default=str))
+            for name, value in changes.items():
+                _change(tables, name, value)
+            site = Site.load(_write(tables, Path(folder)))
+        assert site.experiment is not None
+        for table, name in ((tables, "data_dir"), (tables["chain"], "url")):
+            table.pop(name, None)
+        return cls(
+            tables=tables,
+            times_s=plan(site, site.experiment, source),
+            **_here(),
+        )
+
+    @property
+    def job(self) -> Job:
+        return Job(Runs.name, self.model_dump(mode="json"))
+
+
+class Runs:
+    """Runs of experiments, each a site in a folder of its own. The answer is the record, compressed.
+
+    Args:
+        folder: where runs that are not over are kept, so that they continue.
+    """
+
+    name = "run"
+    longest_s = 7 * 86_400.0
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        asked = Asked.model_validate(job.given)
+        for name, here in _here().items():
+            if getattr(asked, name) != here:
+                raise WorkerDiffers(f"this worker has another {name} than the run asks for")
+        folder = self._folder / job.key[:16]
+        folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / "site.toml").exists():
+            replace_file(folder / "asked.json", asked.model_dump_json())
+            _write(asked.tables, folder)
+        record = folder / "run.json"
+        status = _conduct(folder, stop)
+        if stop.is_set() and not record.exists():
+            raise Interrupted("stopped while a run was conducted", job=job.key)
+        if not record.exists():
+            raise JobFailed("the run did not reach its end", log=_tail(folder / "log"), exit_status=status)
+        answer = gzip.compress(record.read_bytes(), mtime=0)
+        shutil.rmtree(folder)
+        return answer
+
+    def check(self, job: Job, answer: bytes) -> None:
+        asked, run = Asked.model_validate(job.given), record_of(answer)
+        with tempfile.TemporaryDirectory() as folder:
+            wanted = parameters(Site.load(_write(asked.tables, Path(folder))))
+        if run.parameters != wanted:
+            differ = [name for name, value in wanted.items() if run.parameters.get(name) != value]
+            raise BadAnswer("the record is of another run", differ=", ".join(differ))
+
+
+def record_of(answer: bytes) -> Run:
+    """The record in an answer. Raises BadAnswer."""
+    try:
+        with gzip.open(io.BytesIO(answer)) as stream:
+            data = stream.read(_RUN_BYTES + 1)
+        if len(data) > _RUN_BYTES:
+            raise BadAnswer("the record is too large", allowed=_RUN_BYTES)
+        return Run.model_validate_json(data)
+    except (OSError, EOFError, ValidationError) as error:
+        reason = str(error) if isinstance(error, EOFError) else unreadable(error)
+        raise BadAnswer("the answer is no record of a run", reason=reason) from error
+
+
+def _here() -> dict[str, Any]:
+    """What a run depends on besides its site, on this machine."""
+    return {
+        "code_sha256": code_sha256(),
+        "versions": {name: version(name) for name in _LIBRARIES},
+        "overrides": overrides_sha256(),
+    }
+
+
+def _change(table: Any, name: str, value: Any) -> None:
+    """Set `a.b` in a table, or in each table of a list. Raises ConfigError."""
+    first, _, rest = name.partition(".")
+    for one in table if isinstance(table, list) else [table]:
+        if not isinstance(one, dict):
+            raise ConfigError("no such setting: it is no table", setting=name)
+        if rest:
+            _change(one.setdefault(first, {}), rest, value)
+        else:
+            one[first] = value
+
+
+def _write(tables: dict[str, Any], folder: Path) -> Path:
+    """A site file for these tables, with a port and a folder of this machine."""
+    own = {
+        "data_dir": str((folder / "data").resolve()),
+        "chain": tables.get("chain", {}) | {"url": f"http://127.0.0.1:{free_port()}"},
+    }
+    path = folder / "site.toml"
+    replace_file(path, "".join(f"{name} = {toml(value)}\n" for name, value in (tables | own).items()))
+    return path
+
+
+def _conduct(folder: Path, stop: threading.Event) -> int:
+    """Have a child conduct the run in `folder`; its exit status."""
+    with (folder / "log").open("ab") as log:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "rodeo_experiments.study", str(folder)],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    ended_s = time.monotonic() + Runs.longest_s
+    while child.poll() is None and not stop.wait(_LOOK_S) and time.monotonic() < ended_s:
+        pass
+    if child.poll() is None:
+        child.terminate()
+    try:
+        return child.wait(_END_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(child.pid, signal.SIGKILL)
+        return child.wait()
+
+
+def _tail(log: Path) -> str:
+    return log.read_bytes()[-_LOG_BYTES:].decode(errors="replace")
+
+
+def _child(folder: Path) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    die_with(os.getppid(), signal.SIGTERM)
+    asked = Asked.model_validate_json((folder / "asked.json").read_bytes())
+    said_s = 0.0
+
+    def say(text: str, share: float) -> None:
+        nonlocal said_s
+        if time.monotonic() - said_s > 60:
+            said_s = time.monotonic()
+            print(f"{100 * share:3.0f} % {text}", flush=True)
+
+    Conduct(folder / "site.toml", asked.times_s, folder, say).run().save(folder / "run.json")
+
+
+if __name__ == "__main__":
+    _child(Path(sys.argv[1]))

@@ -1,0 +1,128 @@
+"""The report of a study: medians over the seeds with their intervals, for each setting, beside the paper."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from scipy.stats import binom
+
+from rodeo_experiments import paper
+from rodeo_experiments.record import Run
+from rodeo_experiments.report import as_html, count, table_lines
+from rodeo_experiments.results import Figures, Value
+
+_UNLIKELY = 0.05
+"""An interval misses the median with this probability at most."""
+_SITES_OWN = "the site file's own"
+
+
+@dataclass(frozen=True)
+class Found:
+    """A run of a study."""
+
+    setting: str
+    """What `--set` changed; empty where it changed nothing."""
+    run: Run
+    problems: Sequence[str]
+
+    @cached_property
+    def results(self) -> dict[str, Value]:
+        return Figures(self.run).results()
+
+
+def interval(values: Iterable[float]) -> tuple[float, float] | None:
+    """The 95 % interval of the median, which no distribution is assumed for; None of fewer than six values.
+
+    Its ends are the k-th smallest and largest value (David and Nagaraja, Order Statistics, 2003, 7.1).
+    """
+    known = sorted(values)
+    number = len(known)
+    k = max((one for one in range(number // 2 + 1) if _misses(one, number) <= _UNLIKELY), default=0)
+    return (known[k - 1], known[-k]) if k else None
+
+
+def _misses(k: int, number: int) -> float:
+    return 2 * float(binom.cdf(k - 1, number, 0.5)) if k else 0.0
+
+
+def write_study(found: Sequence[Found], folder: Path) -> None:
+    """Write report.md, report.html, figures/ and study.json."""
+    from rodeo_experiments.study_figure import draw  # needs the extra `experiment`
+
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ["# Many runs of an experiment", "", _summary(found), ""]
+    settings = {one.setting: None for one in found}
+    for number, setting in enumerate(settings, start=1):
+        runs = [one for one in found if one.setting == setting]
+        values = _values(runs)
+        drawn = [
+            (name, values[name], statistics.median(values[name]), interval(values[name]))
+            for name in paper.REPORTED
+            if name in values
+        ]
+        draw(drawn, paper.REPORTED, folder / "figures" / f"setting_{number}.svg")
+        lines += [f"## {setting or _SITES_OWN}", "", _seeds(runs), ""]
+        lines += [f"![setting_{number}](figures/setting_{number}.svg)", "", _CAPTION, ""]
+        heads = ("name", "paper", "median", "95 % interval of the median", "range")
+        lines += [*table_lines(heads, map(_row, values.items())), ""]
+    if wrong := [
+        f"- seed {one.run.seed}, {one.setting or _SITES_OWN}: {text}"
+        for one in found
+        for text in one.problems
+    ]:
+        lines += ["## Not as expected", "", *wrong, ""]
+    machines = {json.dumps(one.run.machine, sort_keys=True): one.run.machine for one in found}
+    lines += ["## Machines", ""]
+    lines += [f"- {', '.join(f'{name} {value}' for name, value in one.items())}" for one in machines.values()]
+    text = "\n".join(lines) + "\n"
+    (folder / "report.md").write_text(text)
+    (folder / "report.html").write_text(as_html(text, folder))
+    told = [{"setting": one.setting, "seed": one.run.seed, "results": one.results} for one in found]
+    (folder / "study.json").write_text(json.dumps(told, indent=2) + "\n")
+
+
+_CAPTION = (
+    "Each dot is a seed. The bar is the 95 % interval of the median, which fewer than six seeds do not have. "
+    "All are shares of what the paper reports."
+)
+
+
+def _summary(found: Sequence[Found]) -> str:
+    kept = all(one.results["supply_conserved"] is True for one in found)
+    return (
+        f"{count(len(found), 'run')} of {count(found[0].run.days, 'site day')}. The supply of IEC was "
+        f"conserved in {'each' if kept else 'not each'} of them. The intervals tell of seeds only: room, "
+        "make of robot and simulator are the same in all."
+    )
+
+
+def _seeds(runs: Sequence[Found]) -> str:
+    return f"{count(len(runs), 'run')}, seeds {', '.join(str(one.run.seed) for one in runs)}."
+
+
+def _values(runs: Sequence[Found]) -> dict[str, list[float]]:
+    """The results that are a number in each run."""
+    found = {}
+    for name in runs[0].results:
+        numbers = [one.results[name] for one in runs]
+        known = [float(one) for one in numbers if isinstance(one, int | float) and not isinstance(one, bool)]
+        if len(known) == len(runs) and name != "seed":
+            found[name] = known
+    return found
+
+
+def _row(named: tuple[str, list[float]]) -> tuple[str, ...]:
+    name, values = named
+    reported, ends = paper.REPORTED.get(name), interval(values)
+    return (
+        name,
+        "" if reported is None else f"{reported:g}",
+        f"{statistics.median(values):.3f}",
+        "–" if ends is None else f"{ends[0]:.3f} to {ends[1]:.3f}",
+        f"{min(values):.3f} to {max(values):.3f}",
+    )

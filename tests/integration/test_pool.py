@@ -1,0 +1,145 @@
+"""What becomes of jobs whose workers die, freeze, lie, send too much, or are of another version."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from deploy.certificates import ensure_certificates
+from rodeo.errors import Interrupted
+from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers, WorkerLost
+from rodeo.jobs.local import Local
+from rodeo.jobs.runner import Done, Runner
+from rodeo.site.config import Site
+from rodeo_pool.authority import ensure
+from rodeo_pool.engine import Dask
+from rodeo_pool.errors import PoolFilesMissing, PoolUnavailable
+from rodeo_testing.waiting import wait_until
+from tests.support.pool import Deed
+from tests.support.site import LAB
+
+MAX_BYTES = 1 << 20
+
+
+@pytest.fixture(scope="module")
+def tls(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pool") / "tls"
+    ensure(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(tls: Path) -> Iterator[str]:
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.support.pool", str(tls), str(LAB)],
+        env={**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as pool:
+        assert pool.stdout is not None
+        yield pool.stdout.readline().strip()
+        pool.send_signal(signal.SIGINT)
+
+
+@pytest.fixture(scope="module")
+def engine(tls: Path, address: str) -> Iterator[Dask]:
+    dask = Dask(address, tls, {Deed.name: Deed()}, MAX_BYTES)
+    yield dask
+    dask.close()
+
+
+def job(deed: str, number: int = 0, **given: str) -> Job:
+    return Job(Deed.name, {"deed": deed, "number": number, **given})
+
+
+def done(engine: Dask, folder: Path, *jobs: Job) -> list[Done]:
+    """What came of the jobs; the local engine does what the pool fails at. The engine stays open."""
+    runner = Runner(Local([Deed()]), engine, folder=folder)
+    folder.mkdir(exist_ok=True)
+    return list(runner.run(jobs))
+
+
+def test_each_job_is_done_once_whoever_asks_for_it_and_a_small_file_is_sent(
+    engine: Dask, tmp_path: Path
+) -> None:
+    file = tmp_path / "proof.mcap"
+    file.write_bytes(b"recorded")
+    jobs = [*(job("answer", number % 20) for number in range(40)), Job(Deed.name, {"deed": "answer"}, file)]
+    found = done(engine, tmp_path / "kept", *jobs)
+    assert sorted(one.job.key for one in found) == sorted(one.key for one in jobs)
+    assert {one.by for one in found} == {"dask", "kept"}
+    assert not [one for one in found if one.lost or one.answer is None]
+    assert {one.by for one in done(engine, tmp_path / "kept", *jobs)} == {"kept"}
+
+
+def test_a_file_larger_than_the_store_allows_is_not_sent(engine: Dask, tmp_path: Path) -> None:
+    file = tmp_path / "proof.mcap"
+    file.write_bytes(bytes(MAX_BYTES + 1))
+    with pytest.raises(JobFailed, match="too large to be sent"):
+        engine.do(Job(Deed.name, {"deed": "answer"}, file), threading.Event())
+
+
+@pytest.mark.parametrize(
+    ("deed", "error", "words"),
+    [
+        ("die", WorkerLost, "died or froze"),
+        ("freeze", WorkerLost, "died or froze"),
+        ("another", BadAnswer, "of another job"),
+        ("large", BadAnswer, "too large"),
+        ("differ", WorkerDiffers, "another package"),
+    ],
+)
+def test_what_a_worker_does_wrong_is_named_and_the_job_is_done_again(
+    engine: Dask, tmp_path: Path, deed: str, error: type[Exception], words: str
+) -> None:
+    wrong = job(deed, once=str(tmp_path / "once"))
+    (found,) = done(engine, tmp_path, wrong)
+    assert [words in str(one) for one in found.lost if type(one) is error][:1] == [True]
+    assert found.answer is not None
+
+
+def test_a_job_that_kills_two_workers_is_done_here_and_none_is_lost_or_doubled(
+    engine: Dask, tmp_path: Path
+) -> None:
+    jobs = [job("die"), *(job("answer", number) for number in range(20))]
+    found = done(engine, tmp_path, *jobs)
+    assert sorted(one.job.key for one in found) == sorted(one.key for one in jobs)
+    killed = next(one for one in found if one.job.key == jobs[0].key)
+    assert killed.by == "local"
+    assert [type(one) for one in killed.lost] == [WorkerLost, WorkerLost]
+    assert not [one for one in found if one.answer is None]
+
+
+def test_a_stop_ends_the_job_on_its_worker(engine: Dask, tmp_path: Path) -> None:
+    began, ended, stop = tmp_path / "began", tmp_path / "ended", threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(engine.do, job("wait", began=str(began), ended=str(ended)), stop)
+        wait_until(began.exists, "no worker began")
+        stop.set()
+        with pytest.raises(Interrupted):
+            waiting.result()
+    wait_until(ended.exists, "the worker went on")
+
+
+def test_a_sites_certificate_is_refused(address: str, tmp_path: Path) -> None:
+    site = Site.load(LAB).model_copy(update={"data_dir": tmp_path})
+    ensure_certificates(site)
+    folder = tmp_path / "tls"
+    for suffix in ("pem", "key"):
+        (folder / f"operator.{suffix}").rename(folder / f"client.{suffix}")
+    with pytest.raises(PoolUnavailable):
+        Dask(address, folder, {}, MAX_BYTES)
+
+
+def test_a_client_without_a_certificate_is_told_which_file_is_missing(address: str, tmp_path: Path) -> None:
+    with pytest.raises(PoolFilesMissing) as missing:
+        Dask(address, tmp_path, {}, MAX_BYTES)
+    assert missing.value.details["path"] == str(tmp_path / "ca.pem")

@@ -1,0 +1,134 @@
+"""Many runs of an experiment: what they are asked, what answers them, and what their report shows."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo.errors import ConfigError
+from rodeo.jobs.job import BadAnswer, Job, WorkerDiffers
+from rodeo.site.config import Site
+from rodeo_cli.experiment import PAPER
+from rodeo_cli.study import Study
+from rodeo_experiments.conduct import parameters
+from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.record import Run
+from rodeo_experiments.site import Variation, write_site
+from rodeo_experiments.study import Asked, Runs, record_of, settings
+from rodeo_experiments.study_report import Found, interval, write_study
+from tests.unit.rodeo_experiments.test_results import a_run
+
+
+def asked(seed: int = 1, **changes: Any) -> Asked:
+    return Asked.of(PAPER, Variation(seed=seed, days=1), changes, "")
+
+
+def a_record(tmp_path: Path, seed: int) -> Run:
+    """A run whose parameters are those that `asked` sets."""
+    site = Site.load(write_site(PAPER, tmp_path / f"site-{seed}", Variation(seed=seed, days=1)))
+    return a_run(seed=seed, parameters=parameters(site))
+
+
+def packed(run: Run) -> bytes:
+    return gzip.compress(run.model_dump_json().encode())
+
+
+class Pool:
+    """An engine that answers with such records."""
+
+    name = "pool"
+    places = 2
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.asked: list[int] = []
+
+    def do(self, job: Job, stop: threading.Event) -> bytes:
+        seed = job.given["tables"]["clock"]["seed"]
+        self.asked.append(seed)
+        return packed(a_record(self._folder, seed))
+
+    def close(self) -> None:
+        pass
+
+
+def test_each_combination_of_values_is_a_setting() -> None:
+    assert settings([]) == [{}]
+    assert settings(["a.b=1,2.5", "c=x"]) == [{"a.b": 1, "c": "x"}, {"a.b": 2.5, "c": "x"}]
+    assert settings(["limits=[1, 2],[3]"]) == [{"limits": [1, 2]}, {"limits": [3]}]
+    for text in ("a.b", "=1", "a.b="):
+        with pytest.raises(ExperimentFailed):
+            settings([text])
+
+
+def test_the_same_run_has_the_same_key_wherever_it_is_asked_for() -> None:
+    assert asked().job.key == asked().job.key
+    others = [asked(seed=2), asked(**{"agent.charge_below": 0.4}), asked().model_copy(update={"times_s": []})]
+    assert len({asked().job.key, *(one.job.key for one in others)}) == 4
+
+
+def test_a_setting_changes_each_table_of_a_list() -> None:
+    assert [one["battery"]["soc"] for one in asked(**{"robots.battery.soc": 0.5}).tables["robots"]] == [0.5]
+
+
+def test_a_setting_that_no_site_has_is_refused() -> None:
+    with pytest.raises(ConfigError):
+        asked(**{"agent.charge_bellow": 0.4})
+    with pytest.raises(ConfigError, match="no such setting"):
+        asked(**{"clock.seed.robot": 1})
+
+
+def test_a_worker_with_other_code_refuses_the_run_by_name(tmp_path: Path) -> None:
+    other = asked().model_copy(update={"code_sha256": "0" * 64})
+    with pytest.raises(WorkerDiffers, match="another code_sha256"):
+        Runs(tmp_path).do(other.job, threading.Event())
+
+
+def test_a_record_answers_its_own_run_only(tmp_path: Path) -> None:
+    runs, answer = Runs(tmp_path), packed(a_record(tmp_path, 1))
+    runs.check(asked(seed=1).job, answer)
+    with pytest.raises(BadAnswer, match="of another run") as refused:
+        runs.check(asked(seed=2).job, answer)
+    assert refused.value.details["differ"] == "clock"
+
+
+@pytest.mark.parametrize("answer", [b"", b"{}", gzip.compress(b"{}"), gzip.compress(bytes(65 << 20))])
+def test_what_is_no_record_is_refused(answer: bytes) -> None:
+    with pytest.raises(BadAnswer):
+        record_of(answer)
+
+
+def test_the_interval_of_the_median_assumes_no_distribution() -> None:
+    assert interval(range(1, 21)) == (6, 15)
+    assert interval([3, 1, 2, 6, 5, 4]) == (1, 6)
+    assert interval([1, 2, 3, 4, 5]) is None
+
+
+def test_the_report_shows_each_setting_beside_the_paper(tmp_path: Path) -> None:
+    runs = [a_run(seed=seed, wall_s=seed) for seed in range(1, 8)]
+    write_study([Found(name, run, []) for name in ("", "agent.charge_below = 0.4") for run in runs], tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<svg") == 2
+    assert "<h2>agent.charge_below = 0.4</h2>" in page
+    assert "<td>cleaning_settled</td><td>51</td><td>2.000</td><td>2.000 to 2.000</td>" in page
+    assert "<td>wall_s</td><td></td><td>4.000</td><td>1.000 to 7.000</td><td>1.000 to 7.000</td>" in page
+    assert len(json.loads((tmp_path / "study.json").read_text())) == 14
+
+
+def test_a_study_asks_for_each_run_once_and_not_again_when_it_is_repeated(tmp_path: Path) -> None:
+    pool = Pool(tmp_path)
+
+    def run() -> list[str]:
+        study = Study(PAPER, tmp_path / "out", Variation(days=1), "", 3, ["agent.charge_below=0.5"], False)
+        return study.run(lambda _: pool)
+
+    problems = run()
+    assert sorted(pool.asked) == [1, 2, 3]
+    assert problems == [f"seed {seed}: 2 of 17 arrivals were posted" for seed in (1, 2, 3)]
+    assert run() == problems
+    assert len(pool.asked) == 3
