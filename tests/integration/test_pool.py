@@ -26,6 +26,8 @@ from rodeo_testing.waiting import wait_until
 from tests.support.pool import Deed
 from tests.support.site import LAB
 
+pytestmark = [pytest.mark.long, pytest.mark.alone]
+
 MAX_BYTES = 1 << 20
 
 
