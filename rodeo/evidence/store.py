@@ -124,6 +124,14 @@ class Store:
             )
         return uri
 
+    def whereabouts(self, uri: str, sha256: str, suffix: str) -> str:
+        """`uri` where it may be fetched from; else that of the same content in this store. The name is the
+        content: a file that others keep elsewhere may be here, too."""
+        try:
+            return self.check(uri)
+        except ProofUriNotAllowed:
+            return self.uri_of(sha256, suffix)
+
     @property
     def urls(self) -> list[str]:
         """Prefixes of the URIs that may be fetched from."""

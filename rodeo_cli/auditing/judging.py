@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Literal, NamedTuple
-from urllib.parse import unquote, urlsplit
 
 from rodeo.bus.messages import Device, Root
 from rodeo.checks.acts import Act, MalformedAct, acts_listed, acts_unspent
@@ -94,15 +93,16 @@ class Audit:
         def jobs() -> Iterator[Job]:
             for attempt in attempts:
                 record = self._history.chain_record(attempt)
-                verdict = Verdict(attempt, record.task.kind, record.task.rules_sha256)
+                task = record.task
+                verdict = Verdict(attempt, task.kind, task.rules_sha256)
                 if self._kinds.by_people(verdict.kind):
                     verdict.unjudged = "people judge this kind"
                     ready.append(verdict)
                     continue
-                file = local_file(attempt.proof_uri)
-                job = self._verify.job(
-                    attempt.proof_sha256, record, file if file and file.is_file() else None
-                )
+                # Executors name what they like: files of this machine, too.
+                uri = self._store.whereabouts(attempt.proof_uri, attempt.proof_sha256, ".mcap")
+                record = record.model_copy(update={"task": task.model_copy(update={"proof_uri": uri})})
+                job = self._verify.job(attempt.proof_sha256, record)
                 asked[job.key] = verdict
                 yield job
 
@@ -122,9 +122,8 @@ class Audit:
         attempt = verdict.attempt
         try:
             with tempfile.TemporaryDirectory() as folder:
-                path = self._store.fetch(
-                    attempt.report_uri, attempt.report_sha256, _REPORT_BYTES, Path(folder)
-                )
+                uri = self._store.whereabouts(attempt.report_uri, attempt.report_sha256, ".json")
+                path = self._store.fetch(uri, attempt.report_sha256, _REPORT_BYTES, Path(folder))
                 data = path.read_bytes()
         except StoreUnavailable as error:
             verdict.failed, verdict.unjudged = True, f"its report cannot be read: {error}"
@@ -153,12 +152,6 @@ class Audit:
                     if one.verdict is not claim.verdict and one.act.overlaps(claim.act):
                         _claimed_twice(one, claim)
                 active.append(claim)
-
-
-def local_file(uri: str) -> Path | None:
-    """The path of a `file:` URI."""
-    parts = urlsplit(uri)
-    return Path(unquote(parts.path)) if parts.scheme == "file" else None
 
 
 def _emptied(ready: list[Verdict]) -> list[Verdict]:

@@ -29,7 +29,7 @@ from rodeo.bus.messages import Task
 from rodeo.bus.session import Bus
 from rodeo.checks.report import Check, Report
 from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
-from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.errors import EvidenceError, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.host.clock import Clock
 from rodeo.host.clocked import ClockedEvent, Rest
@@ -251,12 +251,7 @@ class MissingProofs:
         return None
 
     def _fetch(self, one: _Sought, wanted: str) -> Path | None:
-        uri = one.task.proof_uri or ""
-        try:
-            self._store.check(uri)
-        except ProofUriNotAllowed:
-            # The name is the content: a file that others keep elsewhere may be in our store, too.
-            uri = self._store.uri_of(wanted, ".mcap")
+        uri = self._store.whereabouts(one.task.proof_uri or "", wanted, ".mcap")
         try:
             return self._store.fetch(uri, wanted, folder=self._folder_of(one.task))
         except EvidenceError as error:

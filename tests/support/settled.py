@@ -77,9 +77,11 @@ class Settled:
         allowed = client.organization_calls.allow_kind(KIND, judge, bytes.fromhex(rules[2:]))
         self.organization.send(self.organization.operator, allowed)
 
-    def settle(self, *, rules: str | None = None, tasks: int = 1, receipts: bool = True) -> list[int]:
+    def settle(
+        self, *, rules: str | None = None, tasks: int = 1, receipts: bool = True, named: str | None = None
+    ) -> list[int]:
         """Numbers of `tasks` tasks that are all paid for one charge. Without `receipts` the robot signed none
-        of it."""
+        of it. Executors submit `named` as their proofs' URI, if given."""
         self.turns += 1
         film = film_charging(
             self.organization.site,
@@ -94,7 +96,7 @@ class Settled:
         proofs = [self._seal(take, one) for one in assigned]
         self.clock.now_s = int(take.end_s) + 4
         for one, (sha256, uri) in zip(assigned, proofs, strict=True):
-            self._submit_and_accept(one, sha256, uri, rules or self.rules)
+            self._submit_and_accept(one, sha256, named or uri, rules or self.rules)
         return [one.task_id for one in assigned]
 
     def _post(self, rules: str) -> events.TaskAssigned:

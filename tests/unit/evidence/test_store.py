@@ -119,6 +119,7 @@ def test_uris_outside_the_stores_are_refused_before_anything_is_opened(tmp_path:
         Store(loaded).check(filled)
     with pytest.raises(ProofUriNotAllowed):
         Store(loaded).fetch(filled, HASH)
+    assert Store(loaded).whereabouts(filled, HASH, ".mcap") == Store(loaded).uri_of(HASH, ".mcap")
 
 
 def test_further_stores_may_be_read(tmp_path: Path, proof: Path) -> None:
