@@ -41,6 +41,16 @@ REPORT = bytes.fromhex("bb" * 32)
 
 
 @dataclass
+class Clock:
+    """The chain's time, in the test's hand."""
+
+    now_s: int = GENESIS_S
+
+    def __call__(self) -> int:
+        return self.now_s
+
+
+@dataclass
 class Organization:
     """The contracts deployed for `site`, and the wallets of everybody."""
 

@@ -25,7 +25,7 @@ from rodeo.signing import wallets
 from rodeo.site.config import Site
 from rodeo_kinds.battery_charging.harness.film import KIND, film_charging, register_after
 from rodeo_testing.recordings import REGISTER_WH, ROBOT_RECEIPT, Sides, Take, Witnesses, seal
-from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, founded
+from tests.support.organization import CHAIN_ID, Clock, Organization, founded
 from tests.support.site import LAB
 
 APART_S = 3600
@@ -34,14 +34,6 @@ SOC_FROM = 0.94
 """From there on a charge takes some minutes."""
 PRICE_IEC = Decimal(10)
 OTHER_RULES = "0x" + "ab" * 32
-
-
-@dataclass
-class Clock:
-    now_s: int = GENESIS_S
-
-    def __call__(self) -> int:
-        return self.now_s
 
 
 @dataclass

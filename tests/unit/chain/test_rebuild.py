@@ -43,7 +43,7 @@ from rodeo.money.currency import IEC
 from rodeo.signing import possession
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.bridge.reading import Page
-from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
+from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Clock, Organization, founded
 from tests.support.views import view
 
 STEPS = 120
@@ -54,14 +54,6 @@ JUDGE_KEYS = [Account.from_key(f"0x{number:064}") for number in (11, 12, 13)]
 JUDGES = [key.address for key in JUDGE_KEYS]
 LIVE = (TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.RULED)
 """States in which a window runs."""
-
-
-@dataclass
-class Clock:
-    now_s: int = GENESIS_S
-
-    def __call__(self) -> int:
-        return self.now_s
 
 
 @dataclass
