@@ -19,9 +19,7 @@ from services.oracle.away import MissingProofs, ProofAway, due_s
 from services.oracle.rules import PATIENCE, Judging
 from tests.support.site import LAB
 from tests.support.tasks import task
-from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator, connect
-
-__all__ = ["connect"]
+from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator
 
 WINDOW_S = 3600.0
 
