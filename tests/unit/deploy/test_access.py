@@ -52,10 +52,30 @@ MINDED = Site.load(LAB).model_copy(
 """Two robots whose minds are ROS 2 nodes, and one of ours."""
 
 
+class Rights:
+    """The rules of sites, each made once."""
+
+    def __init__(self) -> None:
+        self._made: list[tuple[Site, dict[str, list[zenoh.KeyExpr]]]] = []
+
+    def of(self, site: Site) -> dict[str, list[zenoh.KeyExpr]]:
+        for one, rules in self._made:
+            if one is site:
+                return rules
+        rules = {
+            rule["id"]: list(map(zenoh.KeyExpr, rule["key_exprs"])) for rule in access_control(site)["rules"]
+        }
+        self._made.append((site, rules))
+        return rules
+
+
+RIGHTS = Rights()
+
+
 def may(site: Site, name: str, does: str, key: str) -> bool:
     """Whether who shows the certificate of `name` "writes" or "asks" `key`."""
-    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(site)["rules"]}
-    return any(zenoh.KeyExpr(allowed).includes(zenoh.KeyExpr(key)) for allowed in rules[f"{name} {does}"])
+    asked = zenoh.KeyExpr(key)
+    return any(allowed.includes(asked) for allowed in RIGHTS.of(site)[f"{name} {does}"])
 
 
 def test_every_key_has_a_writer_who_may_be_on_the_bus() -> None:

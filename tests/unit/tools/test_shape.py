@@ -3,15 +3,8 @@
 from __future__ import annotations
 
 import ast
-import json
 
 from tools import shape
-
-
-def test_nothing_is_larger_than_on_the_list_and_what_has_shrunk_is_taken_off() -> None:
-    found, left = shape.measure(), json.loads(shape.LEFT.read_text())
-    assert shape.grown(found, left) == []
-    assert {group: set(found[group]) for group in found} == {group: set(left[group]) for group in left}
 
 
 def test_what_grew_or_is_new_is_named() -> None:
@@ -22,6 +15,8 @@ def test_what_grew_or_is_new_is_named() -> None:
     }
     assert shape.grown(found, left) == ["functions: a.py:g", "classes: a.py:C", "classes: D"]
     assert shape.grown(left, found) == ["classes: a.py:C"]
+    assert shape.gone(left, found) == []
+    assert shape.gone(found, left) == ["functions: a.py:g", "classes: D"]
 
 
 def test_a_class_counts_fields_that_it_sets_methods_and_parts() -> None:

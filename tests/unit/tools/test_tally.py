@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -29,50 +30,42 @@ def test_whose_fixture_fails(broken): pass
 """
 
 
+def told(folder: Path, source: str, *words: str) -> tuple[list[str], Tally]:
+    """Lines that pytest prints for a file of tests, and what was counted."""
+    (folder / "test_some.py").write_text(source)
+    counted = folder / "tally.json"
+    plugins = ["-p", "tests.support.tally", "-p", "xdist", "--tally", str(counted), "--rootdir", str(folder)]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", *plugins, *words, str(folder)],
+        cwd=ROOT,
+        env=os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.splitlines(), Tally.read(counted)
+
+
 def test_what_workers_ran_skipped_and_left_out_is_counted(tmp_path: Path) -> None:
-    (tmp_path / "test_some.py").write_text(TESTS)
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long\n")
-    counted = tmp_path / "tally.json"
-    words = ["-p", "tests.support.tally", "--tally", str(counted), "-m", "not long", "-n", "1"]
-    command = [sys.executable, "-m", "pytest", "-q", *words, "--rootdir", str(tmp_path), str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 1, done.stdout + done.stderr
-    told = [line.split(": ")[0:2] for line in done.stdout.splitlines() if line.startswith("failed (")]
-    assert told == [
+    lines, tally = told(tmp_path, TESTS, "-m", "not long", "-n", "1")
+    assert [line.split(": ")[0:2] for line in lines if line.startswith("failed (")] == [
         ["failed (call)", "test_some.py::test_that_fails"],
         ["failed (setup)", "test_some.py::test_whose_fixture_fails"],
     ]
-    assert Tally.read(counted) == Tally(2, 2, {"Chromium is missing: make system": 2}, 1)
+    assert tally == Tally(2, 2, {"Chromium is missing: make system": 2}, 1)
 
 
 def test_what_runs_for_long_is_named_before_it_ends(tmp_path: Path) -> None:
-    (tmp_path / "test_some.py").write_text("def test_that_hangs(): pass\n")
     (tmp_path / "conftest.py").write_text("from tests.support import tally\ntally.LONG_S = -1.0\n")
-    words = ["-p", "tests.support.tally", "--tally", str(tmp_path / "tally.json"), "--rootdir", str(tmp_path)]
-    command = [sys.executable, "-m", "pytest", "-q", *words, str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "runs for -1 s and more: test_some.py::test_that_hangs" in done.stdout.splitlines()
+    lines, _ = told(tmp_path, "def test_that_hangs(): pass\n")
+    assert "runs for -1 s and more: test_some.py::test_that_hangs" in lines
 
 
 def test_what_is_left_after_the_last_minute_is_skipped_by_name(tmp_path: Path) -> None:
-    (tmp_path / "test_some.py").write_text("def test_that_is_left(): assert False\n")
-    counted = tmp_path / "tally.json"
-    words = [
-        "-p",
-        "tests.support.tally",
-        "--tally",
-        str(counted),
-        "--until",
-        "0",
-        "-n",
-        "1",
-        "--rootdir",
-        str(tmp_path),
-    ]
-    command = [sys.executable, "-m", "pytest", "-q", *words, str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "out of time: test_some.py::test_that_is_left" in done.stdout.splitlines()
-    assert Tally.read(counted).skipped == {"out of time": 1}
+    lines, tally = told(tmp_path, "def test_that_is_left(): assert False\n", "--until", "0", "-n", "1")
+    assert "out of time: test_some.py::test_that_is_left" in lines
+    assert tally.skipped == {"out of time": 1}
 
 
 def test_the_line_says_why_tests_were_skipped() -> None:

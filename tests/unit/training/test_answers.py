@@ -35,6 +35,7 @@ def test_they_take_little_room_and_say_nothing_but_names_classes_and_probabiliti
         assert sum(one.shares) == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.long
 def test_the_card_counts_them(kept: Kept) -> None:
     found = kept.crossed()
     figures = crossed.figures(found)
