@@ -175,6 +175,7 @@ BAD_BODIES: dict[str, Callable[[Any], Reply]] = {
 
 class QuietHandler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True  # the body would wait for the head to be acknowledged
 
     def log_message(self, *_args: Any) -> None:
         """Quiet."""
