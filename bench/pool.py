@@ -5,15 +5,23 @@ process that verifies one after the other, `loop_2_per_s` of two such processes 
 `loop_speedup_2` how many times one loop two are. `local_per_s`, `local_2_per_s`: of the engine `local` with
 one and two children at a time, its fork server idle before. `audit_speedup_2`: `local_2_per_s` over
 `loop_per_s`. `local_overhead_ms`: what a proof costs more in a child than in the loop, wall time.
+
+`dask_per_s`, `dask_2_per_s`: of pools with one and two workers, as `rodeo pool` starts them on this machine,
+to which the proofs are sent; `pool_speedup_2` and `pool_overhead_ms` are as above. `unit_ms`: wall time for
+each of `POOL_UNITS` (10,000) jobs that have nothing to do, on two workers; `client_growth_mb`: memory of
+this process after all of them, less that after a fifth. Among some more of them workers die, freeze, answer
+another job, answer without end or are of another version. `pool_lost`: jobs of all pools without an answer;
+`pool_doubled`: answers too many. `proof_kb`, `answer_kb`: means of what is sent and comes back.
 """
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache, partial
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
@@ -22,18 +30,22 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_submission
 from rodeo.evidence.store import Store
-from rodeo.jobs.job import Engine
+from rodeo.jobs.job import Engine, Job
 from rodeo.jobs.local import Local
 from rodeo.jobs.proofs import Verify
-from rodeo.jobs.runner import Runner
+from rodeo.jobs.runner import Done, Runner
 from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
+from rodeo_pool.engine import Dask
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, later, seal
+from tests.support.pool import Deed, served, started
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 PROOFS = 200
+UNITS = 10_000
 APART_S = 120
+MISBEHAVING = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"}
 
 
 def run() -> dict[str, float]:
@@ -45,6 +57,15 @@ def run() -> dict[str, float]:
         local = {
             places: local_per_s(site, submitted, folder / f"local-{places}", places) for places in (1, 2)
         }
+        counted = Counted()
+        dask = {
+            workers: dask_per_s(site, submitted, folder / f"dask-{workers}", workers, counted)
+            for workers in (1, 2)
+        }
+        files = [Store(site).file(record.task.proof_uri or "") for record in submitted]
+        sent = [file.stat().st_size for file in files if file]
+        came = [path.stat().st_size for path in (folder / "dask-2").glob("*.json")]
+        small = units(folder / "units", int(os.environ.get("POOL_UNITS", UNITS)), counted)
     return {
         "pool_proofs": len(submitted),
         "loop_per_s": loops[1],
@@ -54,7 +75,38 @@ def run() -> dict[str, float]:
         "local_2_per_s": local[2],
         "audit_speedup_2": local[2] / loops[1],
         "local_overhead_ms": 1000 * (1 / local[1] - 1 / loops[1]),
-    }
+        "dask_per_s": dask[1],
+        "dask_2_per_s": dask[2],
+        "pool_speedup_2": dask[2] / loops[1],
+        "pool_overhead_ms": 1000 * (1 / dask[1] - 1 / loops[1]),
+        "pool_lost": counted.lost,
+        "pool_doubled": counted.doubled,
+        "proof_kb": sum(sent) / len(sent) / 1000,
+        "answer_kb": sum(came) / len(came) / 1000,
+    } | small
+
+
+class Counted:
+    """What came of jobs: those without an answer, and answers too many."""
+
+    def __init__(self) -> None:
+        self.lost = self.doubled = 0
+
+    def asked(self, runner: Runner, jobs: Iterable[Job]) -> Iterator[Done]:
+        waiting: set[str] = set()
+
+        def given() -> Iterator[Job]:
+            for job in jobs:
+                waiting.add(job.key)
+                yield job
+
+        for done in runner.run(given()):
+            if done.job.key not in waiting:
+                self.doubled += 1
+            waiting.discard(done.job.key)
+            self.lost += done.answer is None
+            yield done
+        self.lost += len(waiting)
 
 
 def proofs(site: Site, count: int) -> list[ChainRecord]:
@@ -110,20 +162,76 @@ def _verify(site: Site, record: ChainRecord) -> None:
 def local_per_s(site: Site, submitted: Sequence[ChainRecord], folder: Path, places: int) -> float:
     """Proofs per second of the engine of this machine."""
     verify = Verify(site, folder / "verifying")
-    return engine_per_s(verify, Local([verify], places), None, submitted, folder)
+    return engine_per_s(site, verify, Local([verify], places), None, submitted, folder, Counted())
+
+
+def dask_per_s(
+    site: Site, submitted: Sequence[ChainRecord], folder: Path, workers: int, counted: Counted
+) -> float:
+    """Proofs per second of a pool on this machine."""
+    verify = Verify(site, folder / "verifying")
+    with served(folder / "pool", SITE, workers) as address:
+        pool = Dask(address, folder / "pool" / "tls", {verify.name: verify}, site.store.max_bytes)
+        return engine_per_s(site, verify, Local([verify]), pool, submitted, folder, counted)
 
 
 def engine_per_s(
-    verify: Verify, local: Local, elsewhere: Engine | None, submitted: Sequence[ChainRecord], folder: Path
+    site: Site,
+    verify: Verify,
+    local: Local,
+    elsewhere: Engine | None,
+    submitted: Sequence[ChainRecord],
+    folder: Path,
+    counted: Counted,
 ) -> float:
-    """Proofs per second, of an engine that has nothing to do before."""
-    jobs = [verify.job(record.task.proof_sha256 or "", record) for record in submitted]
+    """Proofs per second, of an engine that has nothing to do before. It has started what its jobs share."""
+    store, engine = Store(site), elsewhere or local
+    jobs = [
+        verify.job(task.proof_sha256 or "", record, store.file(task.proof_uri or ""))
+        for record in submitted
+        for task in (record.task,)
+    ]
     with Runner(local, elsewhere, folder=folder) as runner:
-        for part in (jobs[:1], jobs[1:]):  # the first starts what the others share
+        for part in (jobs[: engine.places], jobs[engine.places :]):
             started_s = time.perf_counter()
-            for done in runner.run(part):
+            for done in counted.asked(runner, part):
                 _require(Report.model_validate_json(done.answer or b""))
-    return len(jobs[1:]) / (time.perf_counter() - started_s)
+                if done.by != engine.name:
+                    raise RuntimeError(f"{done.by} did a job of {engine.name}: {done.lost}")
+    return len(part) / (time.perf_counter() - started_s)
+
+
+def units(folder: Path, count: int, counted: Counted) -> dict[str, float]:
+    """Jobs that have nothing to do, and some that workers do wrong."""
+    (folder / "tls").mkdir(parents=True)
+    with (
+        started("tests.support.pool", folder / "tls", SITE, **MISBEHAVING) as address,
+        Runner(
+            Local([Deed()]), Dask(address, folder / "tls", {Deed.name: Deed()}, 0), folder=folder
+        ) as runner,
+    ):
+        sizes, started_s = [], time.perf_counter()
+        jobs = (Job(Deed.name, {"deed": "answer", "number": number}) for number in range(count))
+        for number, _ in enumerate(counted.asked(runner, jobs), start=1):
+            if number in (count // 5, count):
+                sizes.append(_memory_bytes())
+        took_s = time.perf_counter() - started_s
+        wrong = [
+            Job(Deed.name, {"deed": deed, "once": str(folder / deed)})
+            for deed in ("die", "freeze", "another", "large", "differ")
+        ]
+        right = [
+            Job(Deed.name, {"deed": "answer", "number": count + number}) for number in range(count // 50)
+        ]
+        for _ in counted.asked(runner, [*wrong, *right]):
+            pass
+    return {"unit_ms": 1000 * took_s / count, "client_growth_mb": (sizes[1] - sizes[0]) / 1e6}
+
+
+def _memory_bytes() -> int:
+    """Resident."""
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _require(report: Report) -> None:

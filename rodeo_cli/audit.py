@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,10 +26,11 @@ from rodeo_cli.common import (
     write_file,
 )
 from rodeo_cli.layout import Row
+from rodeo_cli.pooling import TLS, PoolOption, TlsOption, TrustOption, engine
 
 if TYPE_CHECKING:
     from rodeo.chain.deployment import Deployment
-    from rodeo.jobs.job import Engine
+    from rodeo.jobs.job import Engine, Work
     from rodeo_cli.auditing.judging import Verdict
     from rodeo_cli.auditing.summary import Summary
 
@@ -62,6 +64,9 @@ def audit(
     report: Annotated[
         Path | None, typer.Option(help="Write a page (HTML) that needs nothing else.", metavar="FILE")
     ] = None,
+    pool: PoolOption = None,
+    tls: TlsOption = TLS,
+    trust_pool: TrustOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Judge an organization's verdicts again, as an outsider could: from chain, store and lab alone.
@@ -74,7 +79,8 @@ def audit(
     loaded = Site.load(site)
     contracts = _deployment(loaded, deployment)
     make_folder(folder)
-    summary = examine(loaded, contracts, folder, first, last, sample)
+    elsewhere = partial(engine, pool, loaded, tls=tls, trust=trust_pool)
+    summary = examine(loaded, contracts, folder, first, last, sample, elsewhere)
     if report is not None:
         write_file(report, page(summary))
     if as_json:
@@ -111,10 +117,13 @@ def examine(
     first: int = 0,
     last: int | None = None,
     sample: int | None = None,
-    elsewhere: Engine | None = None,
-    places: int | None = None,
+    elsewhere: Callable[[Sequence[Work]], Engine | None] = lambda _: None,
 ) -> Summary:
-    """Read the chain, judge again and compare. Raises ChainError, StoreUnavailable, VerifierEnded."""
+    """Read the chain, judge again and compare. `elsewhere` makes the engine to use before that of this
+    machine.
+
+    Raises ChainError, StoreUnavailable, VerifierEnded.
+    """
     from rodeo.jobs.local import Local
     from rodeo.jobs.proofs import Verify
     from rodeo.jobs.runner import Runner
@@ -123,7 +132,9 @@ def examine(
     from rodeo_cli.auditing.reading import History
     from rodeo_cli.auditing.summary import Summary
 
-    with _progress() as tell:
+    verify = Verify(site, folder / "verifying")
+    local = Local([verify])
+    with Runner(local, elsewhere([verify]), folder=folder / "answers") as runner, _progress() as tell:
         reading = tell("reading the chain", None)
         history = History(site, deployment, folder, reading)
         try:
@@ -136,14 +147,12 @@ def examine(
                 # Nobody knew the block's hash when the verdicts were given.
                 chosen, known = sampled(attempts, sample, history.block_hash)
                 attempts = iter(chosen)
-            verify = Verify(site, folder / "verifying")
             judging = tell("judging again", min(known, sample or known))
             verdicts: list[Verdict] = []
-            with Runner(Local([verify], places), elsewhere, folder=folder / "answers") as runner:
-                examined = Audit(site, history, verify, runner)
-                for verdict in examined.judge(attempts):
-                    verdicts.append(verdict)
-                    judging(len(verdicts), 0)
+            examined = Audit(site, history, verify, runner)
+            for verdict in examined.judge(attempts):
+                verdicts.append(verdict)
+                judging(len(verdicts), 0)
             examined.compare_claims()
             roots = [root for root in history.roots if first <= root.block <= newest]
             looked = iter(range(1, len(roots) + 1))

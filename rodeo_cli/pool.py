@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rodeo.display.formatting import count
 from rodeo_cli.common import DEFAULT_SITE, SiteOption, reports_errors, say
 from rodeo_cli.pooling import TLS, TlsOption
 
@@ -35,14 +36,14 @@ def start(
     """
     from rodeo_pool.serving import Pool, cores
 
-    count = cores() if workers is None else workers
+    number = cores() if workers is None else workers
 
     def started(address: str) -> None:
-        say(f"The pool at {address} has {count} workers. Ctrl-C stops it.")
+        say(f"The pool at {address} has {count(number, 'worker')}. Ctrl-C stops it.")
         files = f"ca.pem, worker.pem and worker.key of {tls}"
         say(f"Another machine joins with {files}: rodeo pool worker {address}")
 
-    asyncio.run(Pool(tls, site, host, port, count, dashboard).serve(started))
+    asyncio.run(Pool(tls, site, host, port, number, dashboard).serve(started))
 
 
 @pool.command()
@@ -60,6 +61,6 @@ def worker(
     """
     from rodeo_pool.serving import cores, join
 
-    count = cores() if workers is None else workers
-    joined = f"{count} workers of this machine joined {address}."
-    asyncio.run(join(tls, site, address, count, lambda: say(joined)))
+    number = cores() if workers is None else workers
+    joined = f"{count(number, 'worker')} of this machine joined {address}."
+    asyncio.run(join(tls, site, address, number, lambda: say(joined)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,7 +33,7 @@ TrustOption = Annotated[
 
 
 def engine(
-    address: str | None, site: Site, works: Iterable[Work], tls: Path = TLS, trust: bool = False
+    address: str | None, site: Site, works: Sequence[Work], tls: Path = TLS, trust: bool = False
 ) -> Engine | None:
     """The engine of the pool at `address`; None without one.
 
@@ -41,13 +41,13 @@ def engine(
     """
     if address is None:
         return None
-    keys = site.data_dir / "keys"
-    if os.access(keys, os.R_OK) and not trust:
-        raise ConfigError(
-            "a pool's workers can run code in this process, which can read the site's keys: use another "
-            "user or machine, or --trust-pool",
-            keys=str(keys),
-        )
+    for keys in (site.data_dir / "keys", site.data_dir / "tls"):
+        if (os.access(keys, os.R_OK) or os.access(keys, os.X_OK)) and not trust:
+            raise ConfigError(
+                "a pool's workers can run code in this process, which can read the site's keys: use another "
+                "user or machine, or --trust-pool",
+                keys=str(keys),
+            )
     from rodeo_pool.engine import Dask  # takes its time to import
 
     return Dask(address, tls, {work.name: work for work in works}, site.store.max_bytes)

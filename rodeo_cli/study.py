@@ -39,7 +39,7 @@ class Study:
     calibrated: bool
     """Whether each setting runs calibrated, too."""
 
-    def run(self, elsewhere: Callable[[list[Work]], Engine | None]) -> list[str]:
+    def run(self, elsewhere: Callable[[Sequence[Work]], Engine | None]) -> list[str]:
         """Do what is not kept yet, and write the report; returns what is wrong with the runs.
 
         `elsewhere` makes the engine to use before that of this machine. Raises ExperimentFailed.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tempfile
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,10 +30,12 @@ from rodeo_cli.common import (
     reports_errors,
 )
 from rodeo_cli.layout import printable
+from rodeo_cli.pooling import TLS, PoolOption, TlsOption, TrustOption, engine
 from rodeo_cli.task_words import judged_by
 
 if TYPE_CHECKING:
     from rodeo.checks.report import Report
+    from rodeo.jobs.job import Engine, Work
     from services.oracle.chain_view import View
 
 RESULT_STYLES = {"passed": "green", "FAILED": "bold red", "undecided": "bold yellow", "skipped": "dim"}
@@ -52,6 +55,9 @@ def verify(
         bool,
         typer.Option("--verbose", "-v", help="Show each check's limit, the source of the limit, and more."),
     ] = False,
+    pool: PoolOption = None,
+    tls: TlsOption = TLS,
+    trust_pool: TrustOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run the oracle's checks on proofs here and now, several side by side. Exit status 1 when one fails.
@@ -61,7 +67,8 @@ def verify(
     With --json several files give a list.
     """
     loaded, found = Site.load(site), []
-    for file, known, report in _verified(loaded, site, files, offline):
+    elsewhere = partial(engine, pool, loaded, tls=tls, trust=trust_pool)
+    for file, known, report in _verified(loaded, site, files, offline, elsewhere):
         task = known.chain_record and known.chain_record.task
         if task and task.rules_sha256 != report.rules_sha256:
             named = task.rules_sha256 or "none"
@@ -84,7 +91,11 @@ def verify(
 
 
 def _verified(
-    site: Site, site_path: Path, files: Sequence[Path], offline: bool
+    site: Site,
+    site_path: Path,
+    files: Sequence[Path],
+    offline: bool,
+    elsewhere: Callable[[Sequence[Work]], Engine | None],
 ) -> Iterator[tuple[Path, View, Report]]:
     """Each file, what the chain knows of it, and the report on it, in the order in which they are named.
 
@@ -101,7 +112,7 @@ def _verified(
     reports: dict[Path, Report] = {}
     with tempfile.TemporaryDirectory() as folder:
         verifying = Verify(site, Path(folder, "verifying"))
-        with Runner(Local([verifying]), folder=Path(folder, "answers")) as runner:
+        with Runner(Local([verifying]), elsewhere([verifying]), folder=Path(folder, "answers")) as runner:
             for done in runner.run(verifying.file(file, known[file].chain_record) for file in known):
                 if done.error is not None:
                     errors.print(done.error.log, markup=False, highlight=False, soft_wrap=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -50,7 +49,6 @@ class Dask:
 
     def __init__(self, address: str, folder: Path, works: Mapping[str, Work], max_bytes: int) -> None:
         self._works, self._max_bytes = works, max_bytes
-        self._tries: Counter[str] = Counter()
         shown = security(folder, "client")
         # A file is sent as part of its job.
         dask.config.set({"distributed.admin.large-graph-warning-threshold": max_bytes})
@@ -68,12 +66,11 @@ class Dask:
             raise PoolUnavailable("the pool has no workers", address=address)
         self.places = _AHEAD * threads
 
-    def do(self, job: Job, stop: threading.Event) -> bytes:
+    def do(self, job: Job, stop: threading.Event, failed: int = 0) -> bytes:
         question, longest_s = self._question(job), self._works[job.work].longest_s
         # Keyed by content: what other clients ask at the same time is done once. Dask may still have what the
         # last try came to, so the next one has another key.
-        self._tries[job.key] += 1
-        key = f"{job.key}-{self._tries[job.key]}"
+        key = f"{job.key}-{failed}"
         try:
             future = self._client.submit(work, question, longest_s, key=key)
             try:
@@ -88,12 +85,15 @@ class Dask:
         self._client.close()
 
     def _question(self, job: Job) -> bytes:
-        """Raises JobFailed for a file that is too large."""
+        """Raises JobFailed for a file that cannot be sent."""
         data = b""
         if job.file is not None:
-            if (size := job.file.stat().st_size) > self._max_bytes:
-                raise JobFailed("the file is too large to be sent", bytes=size, allowed=self._max_bytes)
-            data = job.file.read_bytes()
+            try:
+                if (size := job.file.stat().st_size) > self._max_bytes:
+                    raise JobFailed("the file is too large to be sent", bytes=size, allowed=self._max_bytes)
+                data = job.file.read_bytes()
+            except OSError as error:  # a bag may be a folder
+                raise JobFailed("the file cannot be sent", reason=str(error)) from error
         return packed(Question.of(job), data)
 
     def _wait(self, future: Future[bytes], stop: threading.Event) -> None:

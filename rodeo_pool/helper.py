@@ -12,13 +12,13 @@ import os
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from queue import SimpleQueue
 from typing import IO
 
 from rodeo.errors import Interrupted
-from rodeo.jobs.job import Job, JobError, JobFailed, Work, WorkerDiffers
+from rodeo.jobs.job import Job, JobError, WorkerDiffers
+from rodeo.jobs.local import Local
 from rodeo_pool.wire import Answer, Failure, Question, packed, read
 
 FILE_BYTES = 1 << 34
@@ -28,7 +28,7 @@ Asked = tuple[Question, bytes] | None
 """A question with its file; None at the end."""
 
 
-def serve(works: Mapping[str, Work], questions: IO[bytes], answers: IO[bytes], scratch: Path) -> None:
+def serve(local: Local, questions: IO[bytes], answers: IO[bytes], scratch: Path) -> None:
     """Answer until the questions end, which ends the job that is being done, too."""
     stop = threading.Event()
     asked: SimpleQueue[Asked] = SimpleQueue()
@@ -44,7 +44,7 @@ def serve(works: Mapping[str, Work], questions: IO[bytes], answers: IO[bytes], s
     threading.Thread(target=listen, name="questions", daemon=True).start()
     while (message := asked.get()) is not None:
         try:
-            reply = packed(Answer(), _do(works, *message, scratch, stop))
+            reply = packed(Answer(), _do(local, *message, scratch, stop))
         except JobError as error:
             reply = packed(Answer(failure=Failure.of(error)))
         except Interrupted:
@@ -53,22 +53,16 @@ def serve(works: Mapping[str, Work], questions: IO[bytes], answers: IO[bytes], s
         answers.flush()
 
 
-def _do(
-    works: Mapping[str, Work], question: Question, data: bytes, scratch: Path, stop: threading.Event
-) -> bytes:
+def _do(local: Local, question: Question, data: bytes, scratch: Path, stop: threading.Event) -> bytes:
     """Raises JobError, and Interrupted."""
-    work = works.get(question.work)
-    if work is None:
-        raise WorkerDiffers("this worker does no such jobs", work=question.work, here=", ".join(works))
+    if question.work not in local.works:
+        raise WorkerDiffers("this worker does no such jobs", work=question.work, here=", ".join(local.works))
     with tempfile.TemporaryDirectory(dir=scratch) as folder:
         file = None
         if question.suffix is not None:
             file = Path(folder, "sent").with_suffix(question.suffix)
             file.write_bytes(data)
-        try:
-            return work.do(Job(question.work, question.given, file), stop)
-        except OSError as error:
-            raise JobFailed("the worker's machine failed", reason=str(error)) from error
+        return local.do(Job(question.work, question.given, file), stop)
 
 
 def main(site_path: Path, scratch: Path) -> None:
@@ -81,8 +75,8 @@ def main(site_path: Path, scratch: Path) -> None:
     # What others print must not get between the answers.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answers:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        works: list[Work] = [Verify(Site.load(site_path), scratch), Runs(scratch)]
-        serve({work.name: work for work in works}, sys.stdin.buffer, answers, scratch)
+        local = Local([Verify(Site.load(site_path), scratch), Runs(scratch)])
+        serve(local, sys.stdin.buffer, answers, scratch)
 
 
 if __name__ == "__main__":

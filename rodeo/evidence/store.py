@@ -132,6 +132,14 @@ class Store:
         except ProofUriNotAllowed:
             return self.uri_of(sha256, suffix)
 
+    def file(self, uri: str) -> Path | None:
+        """The path of what `uri` names, if it is a file of this machine. Raises
+        ProofUriNotAllowed."""
+        if fsspec.utils.get_protocol(self.check(uri)) != "file":
+            return None
+        path = Path(LocalFileSystem._strip_protocol(uri))
+        return path if path.is_file() else None
+
     @property
     def urls(self) -> list[str]:
         """Prefixes of the URIs that may be fetched from."""

@@ -89,8 +89,9 @@ class Engine(Protocol):
     places: int
     """Jobs that it takes at the same time, each in a thread of the caller's."""
 
-    def do(self, job: Job, stop: threading.Event) -> bytes:
-        """The answer, which the caller checks. Blocks until it is there.
+    def do(self, job: Job, stop: threading.Event, failed: int = 0) -> bytes:
+        """The answer, which the caller checks. Blocks until it is there. `failed` counts the caller's earlier
+        tries, whose answers nobody wants again.
 
         Raises JobError, and Interrupted once `stop` is set.
         """

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Iterable
 
-from rodeo.jobs.job import Job, Work
+from rodeo.jobs.job import Job, JobFailed, Work
 
 
 class Local:
@@ -24,10 +24,13 @@ class Local:
         self.places = places or len(os.sched_getaffinity(0))
         self._free = threading.Semaphore(self.places)
 
-    def do(self, job: Job, stop: threading.Event) -> bytes:
+    def do(self, job: Job, stop: threading.Event, failed: int = 0) -> bytes:
         # An engine elsewhere has more places, and all of its jobs may come back at once.
         with self._free:
-            return self.works[job.work].do(job, stop)
+            try:
+                return self.works[job.work].do(job, stop)
+            except OSError as error:
+                raise JobFailed("this machine failed", reason=str(error)) from error
 
     def close(self) -> None:
         """Each child ended with its job."""

@@ -18,7 +18,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report
 from rodeo.errors import DiskFull, Interrupted, unreadable
-from rodeo.evidence.errors import EvidenceError, ProofHashMismatch, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.errors import (
+    EvidenceError,
+    ProofHashMismatch,
+    ProofTooLarge,
+    ProofUriNotAllowed,
+    StoreUnavailable,
+)
 from rodeo.jobs import apart
 from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers
 from rodeo.site.config import Site
@@ -123,8 +129,7 @@ class Verify:
     def do(self, job: Job, stop: threading.Event) -> bytes:
         asked = Asked.model_validate(job.given)
         self._compare(asked)
-        if asked.submitted and job.file is not None and (found := _sha256(job.file)) != asked.proof_sha256:
-            error = ProofHashMismatch("the bytes do not match the submitted hash", found=found)
+        if asked.submitted and job.file is not None and (error := self._unlike(job.file, asked.proof_sha256)):
             return _not_fetched(asked, error).to_bytes()
         self._scratch.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=self._scratch) as folder:
@@ -167,6 +172,16 @@ class Verify:
                     here=value,
                     asked=getattr(asked, name),
                 )
+
+    def _unlike(self, file: Path, sha256: str) -> EvidenceError | None:
+        """Why the store would not give this file as the one with that hash."""
+        if (size := file.stat().st_size) > (most := self._site.store.max_bytes):
+            return ProofTooLarge(
+                "the file is larger than allowed", limit="file_bytes", value=size, allowed=most
+            )
+        if (found := _sha256(file)) != sha256:
+            return ProofHashMismatch("the bytes do not match the submitted hash", found=found)
+        return None
 
     def _report(self, asked: Asked, file: Path | None, folder: Path, stop: threading.Event) -> Report | None:
         """Raises JobFailed, WorkerDiffers."""

@@ -104,7 +104,7 @@ class Runner:
         engines: list[Engine] = [self._elsewhere] * TRIES if self._elsewhere else []
         for engine in (*engines, self._local):
             try:
-                answer = engine.do(job, self.stop)
+                answer = engine.do(job, self.stop, len(lost))
                 self._check(job, answer)
             except JobError as error:
                 if self.stop.is_set():

@@ -53,6 +53,8 @@ class Verdict:
     failed: bool = False
     """Whether it should have been."""
     log: str = ""
+    by: str = ""
+    """The engine that judged it again; "kept" where an earlier answer was there."""
     acts: tuple[str, ...] = ()
     """What the proof claims, as it is found today."""
     same_report: bool = False
@@ -102,7 +104,7 @@ class Audit:
                 # Executors name what they like: files of this machine, too.
                 uri = self._store.whereabouts(attempt.proof_uri, attempt.proof_sha256, ".mcap")
                 record = record.model_copy(update={"task": task.model_copy(update={"proof_uri": uri})})
-                job = self._verify.job(attempt.proof_sha256, record)
+                job = self._verify.job(attempt.proof_sha256, record, self._store.file(uri))
                 asked[job.key] = verdict
                 yield job
 
@@ -162,6 +164,7 @@ def _emptied(ready: list[Verdict]) -> list[Verdict]:
 
 def _judged(verdict: Verdict, done: Done, rules_sha256: str | None) -> None:
     """Compare the chain's verdict with today's."""
+    verdict.by = done.by
     if done.answer is None:
         verdict.failed = True
         if done.error is not None:

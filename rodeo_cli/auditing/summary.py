@@ -92,6 +92,7 @@ def _to_json(verdict: Verdict) -> dict[str, Any]:
         "report_uri": attempt.report_uri,
         "rules_sha256": verdict.rules_sha256,
         "today": verdict.today or None,
+        "by": verdict.by or None,
         "reason": verdict.reason,
         "same_report": verdict.same_report,
         "unjudged": verdict.unjudged or None,

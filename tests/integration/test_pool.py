@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +19,7 @@ from rodeo_pool.authority import ensure
 from rodeo_pool.engine import Dask
 from rodeo_pool.errors import PoolFilesMissing, PoolUnavailable
 from rodeo_testing.waiting import wait_until
-from tests.support.pool import Deed
+from tests.support.pool import Deed, started
 from tests.support.site import LAB
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
@@ -40,15 +36,10 @@ def tls(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(tls: Path) -> Iterator[str]:
-    with subprocess.Popen(
-        [sys.executable, "-m", "tests.support.pool", str(tls), str(LAB)],
-        env={**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"},
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as pool:
-        assert pool.stdout is not None
-        yield pool.stdout.readline().strip()
-        pool.send_signal(signal.SIGINT)
+    with started(
+        "tests.support.pool", tls, LAB, DASK_DISTRIBUTED__WORKER__PRELOAD="tests.support.pool"
+    ) as at:
+        yield at
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,6 @@
-"""A pool whose workers misbehave: `python -m tests.support.pool TLS SITE` starts it, and prints its address.
+"""Pools of two workers, as their users start them, or misbehaving.
+
+`python -m tests.support.pool TLS SITE` starts one whose workers misbehave, and prints its address.
 
 With DASK_DISTRIBUTED__WORKER__PRELOAD=tests.support.pool dask loads this module into each worker, which then
 does deeds instead of its own jobs.
@@ -9,9 +11,14 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
+import re
+import shutil
 import signal
+import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rodeo.jobs.job import MOST_BYTES, BadAnswer, Job, WorkerDiffers
@@ -80,6 +87,36 @@ def dask_setup(_worker: object) -> None:
     """Called by dask in each worker."""
     work.MOST_BYTES = 1 << 40
     work.HELPER = "tests.support.pool_helper"
+
+
+@contextmanager
+def started(*words: str | Path, **environment: str) -> Iterator[str]:
+    """The address that a program names first; it is interrupted at the end."""
+    with subprocess.Popen(
+        [sys.executable, "-m", *words], env=os.environ | environment, stdout=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None
+        try:
+            found = re.search(r"tls://[\w.:]+\d", said := program.stdout.readline())
+            assert found, said
+            yield found[0]
+        finally:
+            program.send_signal(signal.SIGINT)
+
+
+@contextmanager
+def served(folder: Path, site: Path, workers: int = 2, **environment: str) -> Iterator[str]:
+    """The address of a pool whose certificates are in `folder/tls`. Its last worker joins from a folder that
+    has the files that `rodeo pool start` names."""
+    tls, copied = folder / "tls", folder / "joined" / "tls"
+    options = ("--pool-tls", tls, "--site", site, "--port", "0", "--workers", str(workers - 1))
+    with started("rodeo_cli", "pool", "start", *options, **environment) as address:
+        copied.mkdir(parents=True)
+        for name in ("ca.pem", "worker.pem", "worker.key"):
+            shutil.copy(tls / name, copied)
+        joining = ("--pool-tls", copied, "--site", site, "--workers", "1")
+        with started("rodeo_cli", "pool", "worker", address, *joining, **environment):
+            yield address
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import os
 import sys
 from pathlib import Path
 
+from rodeo.jobs.local import Local
 from rodeo_pool.helper import serve
 from tests.support.pool import Misdeed
 
@@ -11,4 +12,4 @@ if __name__ == "__main__":
     scratch = Path(sys.argv[-1])
     scratch.mkdir(exist_ok=True)
     with os.fdopen(os.dup(1), "wb") as answers:
-        serve({Misdeed.name: Misdeed()}, sys.stdin.buffer, answers, scratch)
+        serve(Local([Misdeed()]), sys.stdin.buffer, answers, scratch)

@@ -21,6 +21,7 @@ from rodeo_cli.auditing.summary import Summary
 from rodeo_cli.commands import app
 from tests.docs.text import ROOT
 from tests.support.organization import CHAIN_ID
+from tests.support.pool import served
 from tests.support.settled import OTHER_RULES, PRICE_IEC, Settled, settling
 
 pytestmark = pytest.mark.long
@@ -29,6 +30,7 @@ TASKS = 30
 ENDLESS = "file:///proc/kcore"
 """A file of the auditor's machine, which nobody can read to its end."""
 PLANTED = ("file", "rules", "acts")
+WALL = {"RODEO__CLOCK__SOURCE": "wall"}
 
 
 class Audited(NamedTuple):
@@ -130,13 +132,16 @@ def test_the_page_loads_nothing_and_names_what_is_wrong(audited: Audited) -> Non
     assert not any(word in text for word in ("<script", "http:", "https:", "src=", "@import"))
 
 
-def test_the_command_exits_with_1_and_prints_what_it_found(audited: Audited, tmp_path: Path) -> None:
-    site = audited.settled.organization.site
-    record = Deployment.path(site.data_dir, CHAIN_ID)
-    words = ["audit", "--site", audited.folder.parent / "site.toml", "--deployment", record]
-    words += ["--out", audited.folder, "--report", tmp_path / "audit.html", "--json"]
-    done = CliRunner(env={"RODEO__CLOCK__SOURCE": "wall"}).invoke(app, [str(word) for word in words])
+def test_the_command_has_a_pool_find_the_same_and_exits_with_1(audited: Audited, tmp_path: Path) -> None:
+    data, site = audited.settled.organization.site.data_dir, audited.folder.parent / "site.toml"
+    words = ["audit", "--site", site, "--deployment", Deployment.path(data, CHAIN_ID)]
+    words += ["--out", tmp_path / "audit", "--report", tmp_path / "audit.html", "--json"]
+    with served(tmp_path, site, **WALL) as address:
+        words += ["--pool", address, "--pool-tls", tmp_path / "tls"]
+        done = CliRunner(env=WALL).invoke(app, [str(word) for word in words])
     assert done.exit_code == 1, done.output
     said = json.loads(done.stdout)
-    assert said["findings"] == dict.fromkeys(sorted(PLANTED), 1)
+    found = {one["task_id"]: one["findings"][0]["what"] for one in said["verdicts"] if one["wrong"]}
+    assert found == audited.planted
+    assert {one["by"] for one in said["verdicts"]} == {"dask"}
     assert (tmp_path / "audit.html").read_text().startswith("<!doctype html>")

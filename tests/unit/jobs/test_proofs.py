@@ -87,6 +87,17 @@ def test_a_file_with_other_bytes_is_reported_as_not_fetched(at: Site, job: Job, 
     assert "proof_hash_mismatch" in Report.model_validate_json(answer).reason
 
 
+def test_a_file_that_the_store_would_not_give_is_reported_as_not_fetched(
+    at: Site, job: Job, tmp_path: Path
+) -> None:
+    small = at.model_copy(update={"store": at.store.model_copy(update={"max_bytes": 1})})
+    file = Store(at).file(job.given["chain"]["task"]["proof_uri"])
+    verify = Verify(small, tmp_path)
+    asked = {**job.given, "lab_sha256": verify.lab_sha256}
+    report = Report.model_validate_json(verify.do(Job(job.work, asked, file), threading.Event()))
+    assert "proof_too_large" in report.reason
+
+
 def test_a_verification_that_ends_without_a_report_is_given_up_as_the_oracle_does(
     at: Site, job: Job, tmp_path: Path
 ) -> None:
