@@ -5,7 +5,7 @@
 `lab_<driver>_delay_p50_ms`, `_p99_ms`: from the device's own stamp to the signed statement about it; for the
 meter, which signs several readings at once, that of the newest, and `lab_modbus_oldest_...` of the oldest.
 `lab_<driver>_cpu`: share of a core that the driver's process takes.
-`lab_<driver>_lost_s_per_s`: time over which nothing is signed for each second without the device.
+`lab_<driver>_lost_s_per_s`: the longest time of which nothing is signed, for each second without the device.
 `lab_offset_error_p50_ms`, `_p99_ms`: by how much the offset of a clock is wrong under 50 ms of jitter.
 """
 

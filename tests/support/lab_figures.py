@@ -97,12 +97,19 @@ class Listener:
         return found
 
     def lost_s(self, driver: str, since_s: float) -> float:
-        """Time since then over which nothing is signed: of the robot's motion, or of what the meter read."""
-        said = [one.statement for one in self.heard(since_s)]
-        if driver == NATNET:
-            robot = self._lab.site.robots[0].name
-            signed = track([one for one in said if isinstance(one, Motion)], robot)
-            return 0.0 if signed is None else sum(end - start for start, end in signed.unseen_us) * 1e-6
-        records = [one for one in said if isinstance(one, MeterRecord)]
-        times_s = np.concatenate([unpack(one.since_ms, one.readings).time_s for one in records])
-        return float(np.diff(times_s).max())
+        """The longest time since then of which nothing is signed: the robot, or what the meter reads."""
+        times_s: list[float] = []
+        for one in (heard.statement for heard in self.heard(since_s)):
+            if driver == MODBUS and isinstance(one, MeterRecord):
+                times_s += unpack(one.since_ms, one.readings).time_s.tolist()
+            elif driver == NATNET and isinstance(one, Motion):
+                times_s += self._seen_s(one)
+        return float(np.diff(times_s).max(initial=0.0))
+
+    def _seen_s(self, said: Motion) -> list[float]:
+        """The last moment of a statement at which the robot was seen; none if it was not."""
+        robot = self._lab.site.robots[0].name
+        signed = track([said], robot)
+        if signed is not None:
+            return [float(signed.time_us[-1]) * 1e-6]
+        return [(said.end_us - said.unseen_us.get(robot, 0)) * 1e-6] if robot in said.resting else []
