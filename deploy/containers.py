@@ -40,8 +40,8 @@ WORKDIR {data}
 """
 _TARGET = """\
 FROM base AS {extra}
-RUN --mount=type=cache,target=/root/.cache/pip {apt}\\
-    /opt/rodeo/bin/pip install --disable-pip-version-check \\
+RUN --mount=type=cache,target=/var/cache/pip {apt}\\
+    PIP_CACHE_DIR=/var/cache/pip /opt/rodeo/bin/pip install --disable-pip-version-check \\
     $(ls /wheels/*.whl | grep -v /rodeo_dao-) "$(ls /wheels/rodeo_dao-*.whl)[{extras}]"
 ENV HOME=/tmp
 USER {user}:{user}
