@@ -92,6 +92,8 @@ def sentence(checks: list[Line]) -> str:
     """51 of 51 passed; nearest to its limit: gripper force, 5 N of at most 5.25 N"""
     asked = [one for one in checks if one.state != "skipped"]
     passed = [one for one in asked if one.state == "passed"]
+    if not asked:
+        return f"{len(checks)} skipped"
     told = f"{len(passed)} of {len(asked)} passed"
     if left := len(checks) - len(asked):
         told += f", {left} skipped"

@@ -27,7 +27,7 @@ _EVENTS: dict[str, tuple[str, bool]] = {
     "TaskSettled": ("{paid_iec} paid", not _ALARM),
     "TaskCancelled": ("cancelled", not _ALARM),
     "Challenged": ("{challenger} challenges the ruling with {stake_iec} at stake: {reason}", _ALARM),
-    "CaseSettled": ("the dispute is over", not _ALARM),
+    "CaseSettled": ("its case is closed", not _ALARM),
     "StakeLost": ("a judge lost {amount_iec} for a ruling that was overturned", _ALARM),
     "PaymentDeferred": ("{amount_iec} could not be paid to {account}, which collects it", _ALARM),
     "PolicyFailed": ("the policy failed, and the next service was taken", _ALARM),

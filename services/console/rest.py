@@ -22,11 +22,6 @@ from rodeo.bus.queries import QUERIES
 from rodeo.checks.report import Report
 from rodeo.display.story import Step
 from rodeo.errors import (
-    BusUnavailable,
-    ConfigError,
-    MalformedAnswer,
-    NoResponder,
-    QueryTimeout,
     RequestError,
     RodeoError,
 )
@@ -38,7 +33,6 @@ from services.console import events as event_streams
 from services.console.actions import ACTIONS, ORGANIZATION, Action
 from services.console.attempts import Attempt
 from services.console.attempts import attempts as attempts_of
-from services.console.errors import Forbidden
 from services.console.heartbeats import ProcessState
 from services.console.pages.frame import Console
 
@@ -82,7 +76,14 @@ class Done(BaseModel):
 
 
 _STATUS_BY_CODE = {
+    "not_logged_in": 401,
+    "forbidden": 403,
+    "config_error": 404,
+    "malformed_answer": 502,
     "bridge_not_ready": 503,
+    "bus_unavailable": 503,
+    "no_responder": 503,
+    "query_timeout": 504,
     "unknown_task": 404,
     "unknown_service": 404,
     "unknown_account": 404,
@@ -326,19 +327,7 @@ def _offer(api: FastAPI, console: Console, action: Action, caller: Any) -> None:
 
 def status_of(error: RodeoError) -> int:
     """The HTTP status that tells a program what kind of error this is."""
-    if error.code in _STATUS_BY_CODE:
-        return _STATUS_BY_CODE[error.code]
-    if isinstance(error, NotLoggedIn):
-        return 401
-    if isinstance(error, Forbidden):
-        return 403
-    if isinstance(error, NoResponder | BusUnavailable):
-        return 503
-    if isinstance(error, QueryTimeout):
-        return 504
-    if isinstance(error, MalformedAnswer):
-        return 502
-    if isinstance(error, ConfigError | EvidenceError):
+    if isinstance(error, EvidenceError):
         return 404
     # What the bridge or a contract refused: the request was understood, the organization says no.
-    return 400 if isinstance(error, RequestError) else 409
+    return _STATUS_BY_CODE.get(error.code, 400 if isinstance(error, RequestError) else 409)

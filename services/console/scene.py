@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rodeo.lab.config import BinConfig
+from rodeo.lab.config import BinConfig, Pose2
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout
 from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
@@ -75,41 +75,28 @@ def lab(site: Site) -> Json:
         "size_m": list(site.lab.size_m),
         "robot": {"bumper_m": BUMPER_M, "half_width_m": HALF_WIDTH_M},
         "furniture": [
-            {
-                "name": one.name,
-                "kind": one.kind,
-                "x": one.pose.x_m,
-                "y": one.pose.y_m,
-                "yaw": one.pose.yaw_rad,
-                "size_m": list(one.size_m[:2]),
-            }
+            _placed(one.name, one.pose) | {"kind": one.kind, "size_m": list(one.size_m[:2])}
             for one in site.lab.furniture
         ],
         "bins": [_bin(one) for one in site.bins],
-        "docks": [
-            {"name": one.name, "x": one.pose.x_m, "y": one.pose.y_m, "yaw": one.pose.yaw_rad}
-            for one in site.docks
-        ],
+        "docks": [_placed(one.name, one.pose) for one in site.docks],
         "places": [{"name": one.name, "x": one.pose.x_m, "y": one.pose.y_m} for one in site.places],
         "items": {item.id: item.item_class.value for item in site.items},
     }
 
 
+def _placed(name: str, pose: Pose2) -> Json:
+    return {"name": name, "x": pose.x_m, "y": pose.y_m, "yaw": pose.yaw_rad}
+
+
 def _bin(config: BinConfig) -> Json:
-    layout, pose = BinLayout(config), config.pose
-    return {
-        "name": config.name,
-        "x": pose.x_m,
-        "y": pose.y_m,
-        "yaw": pose.yaw_rad,
+    layout = BinLayout(config)
+    places = {name: layout.compartment(name) for name in config.compartments}
+    size_m = list(config.compartment_size_m)
+    return _placed(config.name, config.pose) | {
         "size_m": [layout.depth_m, layout.width_m],
         "compartments": [
-            {
-                "name": name,
-                "x": round(layout.compartment(name)[0], 3),
-                "y": round(layout.compartment(name)[1], 3),
-                "size_m": list(config.compartment_size_m),
-            }
-            for name in config.compartments
+            {"name": name, "x": round(at[0], 3), "y": round(at[1], 3), "size_m": size_m}
+            for name, at in places.items()
         ],
     }

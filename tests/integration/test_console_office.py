@@ -351,16 +351,23 @@ def answer(page: Page, button: str) -> None:
     expect(page.get_by_role("dialog")).to_have_count(0)
 
 
+def give(page: Page, command: str) -> None:
+    """Review the form of a command that is open, and have it done."""
+    page.get_by_role("dialog").get_by_role("button", name="Review").click()
+    answer(page, command)
+
+
 def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) -> None:
     page = desk.page("ada")
     open_page(page, "/services")
     page.get_by_role("button", name="Offer a service").click()
     page.get_by_label("Price (IEC)").fill("much")
-    page.get_by_role("button", name="Offer it").click()
+    page.get_by_role("button", name="Review").click()
+    page.get_by_role("button", name="Register service").click()
     expect(page.get_by_text("price: enter an amount of IEC, for example 12.5")).to_be_visible()
     page.get_by_label("Price (IEC)").fill("42")
-    page.get_by_label("For people").fill("by hand")
-    answer(page, "Offer it")
+    page.get_by_label("Description").fill("by hand")
+    give(page, "Register service")
     offered = row(page, "Services on offer", "by hand")
     expect(offered.locator(".badge")).to_have_text("active")
     expect(offered).to_contain_text("42 IEC")
@@ -369,20 +376,25 @@ def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) ->
         offered.get_by_role("button", name="Change service").click()
         page.get_by_role("menu").get_by_text(what).click()
 
-    change("Change the price")
-    page.get_by_label("Price (IEC)").fill("43.5")
-    answer(page, "Set the price")
-    expect(offered).to_contain_text("43.5 IEC")
-    for what, state in (("Pause", "paused"), ("Resume", "active"), ("Suspend", "suspended")):
-        change(what)
-        if what == "Suspend":
-            answer(page, "Suspend it")
+    def update(state: str) -> None:
+        change("Price, pause, resume or retire")
+        choose(page, "State", state)
+        give(page, "Update service")
         expect(offered.locator(".badge")).to_have_text(state)
+
+    change("Price, pause, resume or retire")
+    page.get_by_label("Price (IEC)").fill("43.5")
+    give(page, "Update service")
+    expect(offered).to_contain_text("43.5 IEC")
+    update("paused")
+    update("active")
+    change("Suspend")
+    answer(page, "Suspend service")
+    expect(offered.locator(".badge")).to_have_text("suspended")
     change("Reinstate")
+    answer(page, "Reinstate service")
     expect(offered.locator(".badge")).not_to_have_text("suspended")
-    change("Retire for good")
-    answer(page, "Retire it")
-    expect(offered.locator(".badge")).to_have_text("retired")
+    update("retired")
     expect(offered.get_by_role("button")).to_have_count(0)
     page.close()
 
@@ -456,13 +468,16 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     other = "0x" + secrets.token_hex(32)
     page = desk.page("ada")
     open_page(page, "/services")
-    change = page.get_by_role("button", name="Change the rules of Waste disposal")
-    change.click()
-    rules = page.get_by_label("Hash of the rules")
-    expect(rules).to_have_value(installed)
-    rules.fill(other)
-    answer(page, "Do it")
     shown = row(page, "Kinds of work", "Waste disposal")
+
+    def change(what: str) -> None:
+        shown.get_by_role("button", name="Change waste disposal").click()
+        page.get_by_role("menu").get_by_text(what).click()
+
+    change("Judge, times and rules")
+    expect(page.get_by_label("Judge", exact=True)).to_have_value("oracle")
+    page.get_by_label("Rules (0x…)").fill(other)
+    give(page, "Allow kind")
     expect(shown.get_by_text(other[:10])).to_be_visible()
     assert current() == [installed, *before, other]
     open_page(page, "/tasks/new")
@@ -479,10 +494,9 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     assert desk.dao.task(task_id)["rules_sha256"] == installed
     desk.dao.command("organization", "cancel_task", task_id=task_id)
     open_page(page, "/services")
-    change.click()
-    page.get_by_label("Hash of the rules").fill(other)
-    choose(page, "What to do", "Post no more tasks under them")
-    answer(page, "Do it")
+    change("Retire rules")
+    choose(page, "Rules", other[:10])
+    give(page, "Retire rules")
     expect(shown.get_by_text(other[:10])).to_have_count(0)
     assert current() == [installed, *before]
     page.close()

@@ -15,12 +15,7 @@ from services.console.pages.frame import Console
 
 
 def register(console: Console) -> None:
-    @ui.page("/accounts")
-    def accounts_page() -> None:
-        with frame.page(console, "Accounts", "/accounts"):
-            accounts = AccountsPage(console)
-            # After the page is there: the framework gives up on one that takes long to answer.
-            ui.timer(0, accounts.load, once=True)
+    frame.register(console, "/accounts", AccountsPage)
 
 
 class AccountsPage:
@@ -48,6 +43,8 @@ class AccountsPage:
                     "outlined dense autocomplete=new-password"
                 )
                 ui.button("Set it", on_click=self._set_passphrase).props("outline").style("align-self: start")
+        # After the page is there: the framework gives up on one that takes long to answer.
+        ui.timer(0, self.load, once=True)
 
     async def load(self) -> None:
         if frame.user().has(Role.ADMINISTRATOR):

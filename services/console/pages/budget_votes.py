@@ -22,9 +22,8 @@ class BudgetVotesSection:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = frame.problem_section()
+        self._refresh = frame.follow_async(console, "events", self._load)
         self._all = widgets.Section(self._draw)
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
         ui.timer(LOOK_S, self._refresh)
 
     async def _load(self) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
 from nicegui import ui
@@ -66,11 +67,14 @@ async def ask_command(
     known: Json | None = None,
     start: Mapping[str, Any] | None = None,
     proposal: Proposing | None = None,
+    offered: Mapping[str, dict[str, str]] | None = None,
 ) -> None:
     """Ask for the command's fields that are not `known` and for confirmation, and have it done, or only
-    proposed. `start` has the fields' present values, as far as known."""
+    proposed. `start` has the fields' present values, as far as known; `offered` a field's choices, where only
+    this site knows them."""
     model, known, what = COMMANDS[name], known or {}, title_of(name)
     fields = _fields(model, known, start or {})
+    fields |= {key: replace(fields[key], choices=choices) for key, choices in (offered or {}).items()}
     summary = summary_of(model)
     if proposal is not None:
         fields[_WHY] = widgets.Field("Why", hint="Everybody reads it, with what the proposal would do.")
@@ -147,8 +151,12 @@ def _field(name: str, one: Any, now: Any) -> widgets.Field:
         "" if default in (None, []) else str(default).lower() if isinstance(default, bool) else f"{default}"
     )
     choices: dict[str, str] | None = None
-    if one.annotation is bool:
-        choices, start = {"true": "yes", "false": "no"}, start or "true"
-    elif get_origin(one.annotation) is Literal:
-        choices = {value: phrase(value) for value in get_args(one.annotation)}
+    kept: dict[str, str] = {}
+    annotation = one.annotation
+    if NoneType in get_args(annotation):
+        annotation, kept = get_args(annotation)[0], {"": "as it is, or the default"}
+    if annotation is bool:
+        choices, start = kept | {"true": "yes", "false": "no"}, start or ("" if kept else "true")
+    elif get_origin(annotation) is Literal:
+        choices = kept | {value: phrase(value) for value in get_args(annotation)}
     return widgets.Field(label, start, choices, hint=one.description or "")

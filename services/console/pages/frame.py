@@ -23,7 +23,6 @@ from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS, Actions
 from services.console.live import Live
 from services.console.pages import widgets
-from services.console.pages.clock import Clock
 from services.console.queries import Queries
 
 log = logging.getLogger(__name__)
@@ -47,6 +46,17 @@ class Console:
     live: Live
     lab: Json
     kinds: Kinds
+
+
+class _Clock(ui.element, component="clock.js"):
+    """The site's clock and how fast it goes. It continues by itself between what `show` says."""
+
+    def __init__(self, zone: str) -> None:
+        super().__init__()
+        self._props["zone"] = zone
+
+    def show(self, now: pace.Pace | None) -> None:
+        self.run_method("show", None if now is None else [now.now_s, now.speed])
 
 
 @dataclass(frozen=True)
@@ -108,7 +118,7 @@ def page(console: Console, title: str, path: str, *, heading: bool = True) -> It
             widgets.Text("span", "RODEO")
         widgets.Text("span", console.site.org, "organization")
         ui.element("span").classes("grow")
-        clock = Clock(zone(console.site))
+        clock = _Clock(zone(console.site))
         ui.button(icon="contrast", on_click=lambda: _switch(mode)).props(
             'flat round dense aria-label="Light or dark"'
         )
@@ -132,6 +142,16 @@ def page(console: Console, title: str, path: str, *, heading: bool = True) -> It
     ui.skip_link(target=main)
 
 
+def register(console: Console, path: str, draw: Callable[[Console], object], *, heading: bool = True) -> None:
+    """Have `draw` fill the page of the menu at this path."""
+    title = next(one.title for one in PLACES if one.path == path)
+
+    @ui.page(path)
+    def show() -> None:
+        with page(console, title, path, heading=heading):
+            draw(console)
+
+
 def page_head(title: str, subtitle: str = "", state: str = "") -> ui.element:
     """The page's heading; what is made `with` it stands at its end."""
     with ui.element("div").classes("page-head") as head:
@@ -145,8 +165,10 @@ def page_head(title: str, subtitle: str = "", state: str = "") -> ui.element:
 
 
 def when(time_s: float | None) -> str:
-    """Site time with its zone: that of a simulated site is not the wall's."""
-    return "–" if time_s is None else f"{moment(time_s)} {context.client.request.state.zone}"
+    """Site time with its zone: that of a simulated site is not the wall's. Its hyphens break no line."""
+    if time_s is None:
+        return "–"
+    return f"{moment(time_s)} {context.client.request.state.zone}".replace("-", "\N{NON-BREAKING HYPHEN}")
 
 
 async def _switch(mode: ui.dark_mode) -> None:
@@ -173,14 +195,13 @@ def follow(console: Console, what: str, update: Callable[[], None]) -> None:
     update()
 
 
-def follow_async(
-    console: Console, what: str, update: Callable[[], Awaitable[None]], problem: widgets.Section
-) -> Callable[[], None]:
-    """`follow` for an `update` that queries: one at a time, and once more if `what` changed meanwhile. Where
-    it fails, `problem` says that the page is not current.
+def follow_async(console: Console, what: str, update: Callable[[], Awaitable[None]]) -> Callable[[], None]:
+    """`follow` for an `update` that queries, later: one at a time, and once more if `what` changed meanwhile.
+    Where it fails, a text that is put here says that the page is not current.
 
     Returns a function that calls it from elsewhere, for example from a filter.
     """
+    problem = problem_section()
     client, slot = context.client, context.slot
     state = {"running": False, "again": False}
 
@@ -217,14 +238,19 @@ async def ask(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     return await run.io_bound(function, *args, **kwargs)  # type: ignore[return-value]
 
 
-async def act(console: Console, name: str, request: BaseModel | Json, done: str = "") -> Json | None:
-    """Perform an action and show how it went. None when it was refused or failed."""
+async def asked(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
+    """`ask` for what a person waits for. None where it failed, which is shown."""
     try:
-        reply = await run.io_bound(console.actions.perform, user(), name, request)
+        return await ask(function, *args, **kwargs)
     except RodeoError as error:
         fail(error)
         return None
-    if done:
+
+
+async def act(console: Console, name: str, request: BaseModel | Json, done: str = "") -> Json | None:
+    """Perform an action and show how it went. None when it was refused or failed."""
+    reply = await asked(console.actions.perform, user(), name, request)
+    if done and reply is not None:
         ui.notify(done, type="positive")
     return reply
 
@@ -232,6 +258,16 @@ async def act(console: Console, name: str, request: BaseModel | Json, done: str 
 def may(action: str) -> bool:
     """Whether the person's roles allow it, so that a page offers it. It is checked again when it is done."""
     return user().has(*ACTIONS[action].roles)
+
+
+def require(what: str, *roles: Role) -> bool:
+    """Whether the person has one of the roles that it takes to do this; a text says so where not."""
+    if is_allowed := user().has(*roles):
+        return is_allowed
+    widgets.notice(
+        f"You need the role {' or '.join(roles)} to {what}. Ask an administrator for it.", bad=True
+    )
+    return False
 
 
 def fail(error: RodeoError) -> None:

@@ -30,28 +30,25 @@ _UNITS = {"km": "km", "m": "m", "w": "W", "wh": "Wh", "s": "s"}
 
 
 def register(console: Console) -> None:
-    @ui.page("/operator")
-    def operator() -> None:
-        with frame.page(console, "Operator", "/operator", heading=False):
-            with frame.page_head("Operator"):
-                if frame.user().has(Role.OPERATOR):
-                    stop = ui.button("Stop everything", icon="front_hand", color="negative")
-                    stop.props("unelevated").on_click(partial(_stop_all, console))
-            if not frame.user().has(Role.OPERATOR):
-                widgets.notice(
-                    "You need the role operator to give orders to robots. Ask an administrator for it.",
-                    bad=True,
-                )
-                return
-            with ui.element("div").classes("grid"):
-                with ui.element("div").classes("stack span-7"), widgets.card("Lab"):
-                    lab_map = LabMap(console.lab, "Map of the lab with robots and items")
-                    frame.follow(console, "map", lambda: lab_map.show(console.live.map))
-                with ui.element("div").classes("stack span-5"):
-                    if not console.site.robots:
-                        widgets.empty("This site has no robots.")
-                    for robot in console.site.robots:
-                        RobotCard(console, robot.name)
+    frame.register(console, "/operator", _draw_page, heading=False)
+
+
+def _draw_page(console: Console) -> None:
+    with frame.page_head("Operator"):
+        if frame.user().has(Role.OPERATOR):
+            stop = ui.button("Stop everything", icon="front_hand", color="negative")
+            stop.props("unelevated").on_click(partial(_stop_all, console))
+    if not frame.require("give orders to robots", Role.OPERATOR):
+        return
+    with ui.element("div").classes("grid"):
+        with widgets.card("Lab", "span-7"):
+            lab_map = LabMap(console.lab, "Map of the lab with robots and items")
+            frame.follow(console, "map", lambda: lab_map.show(console.live.map))
+        with ui.element("div").classes("stack span-5"):
+            if not console.site.robots:
+                widgets.empty("This site has no robots.")
+            for robot in console.site.robots:
+                RobotCard(console, robot.name)
 
 
 class RobotCard:
@@ -61,7 +58,7 @@ class RobotCard:
         self._console = console
         self._robot = robot
         with widgets.card(robot):
-            self._problem = frame.problem_section()
+            self._refresh = frame.follow_async(console, "processes", self._load)
             self._state = widgets.Section(self._draw).live()
             with ui.element("div").classes("line tight"):
                 for word, action, icon, effect in _ORDERS:
@@ -74,7 +71,6 @@ class RobotCard:
                 ui.button("Stop", icon="front_hand", color="negative", on_click=self._stop).props(
                     f'unelevated aria-label="Stop {robot}"'
                 )
-        self._refresh = frame.follow_async(console, "processes", self._load, self._problem)
 
     async def _load(self) -> None:
         try:

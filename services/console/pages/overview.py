@@ -23,44 +23,45 @@ from services.console.pages.frame import Console
 
 
 def register(console: Console) -> None:
-    @ui.page("/")
-    def overview() -> None:
-        with frame.page(console, "Overview", "/", heading=False):
-            with frame.page_head("Overview"):
-                if frame.user().has(Role.OPERATOR):
-                    ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
-            problem = frame.problem_section()
-            Needs(console)
-            with widgets.card("Lab"):
-                lab_map = LabViews(console.lab, "robots and items").map
-                seen = widgets.Section(_draw_seen)
-            with widgets.card("Robots"):
-                working = widgets.Section(_draw_robots)
-            with ui.element("div").classes("grid"):
-                with ui.element("div").classes("stack span-7"):
-                    FeedCard(console)
-                with ui.element("div").classes("stack span-5"):
-                    Work(console, problem)
-            ui.link_target("processes").classes("visually-hidden")
-            with widgets.card("Processes"):
-                health = widgets.Section(partial(widgets.table, "Processes of this site", _PROCESSES))
+    frame.register(console, "/", _draw_page, heading=False)
 
-            def show_robots() -> None:
-                live = console.live
-                working.show(robots(console.site, console.lab, live.heartbeats.processes, live.map["robots"]))
 
-            def show_map() -> None:
-                state = console.live.map
-                lab_map.show(state)
-                seen.show([(name, one) for name, one in _seen(state).items()])
-                show_robots()
+def _draw_page(console: Console) -> None:
+    with frame.page_head("Overview"):
+        if frame.user().has(Role.OPERATOR):
+            ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
+    problem = frame.problem_section()
+    Needs(console)
+    with widgets.card("Lab"):
+        lab_map = LabViews(console.lab, "robots and items").map
+        seen = widgets.Section(_draw_seen)
+    with widgets.card("Robots"):
+        working = widgets.Section(_draw_robots)
+    with ui.element("div").classes("grid"):
+        with ui.element("div").classes("stack span-7"):
+            FeedCard(console)
+        with ui.element("div").classes("stack span-5"):
+            Work(console, problem)
+    ui.link_target("processes").classes("visually-hidden")
+    with widgets.card("Processes"):
+        health = widgets.Section(partial(widgets.table, "Processes of this site", _PROCESSES))
 
-            def show_processes() -> None:
-                health.show(console.live.heartbeats.processes)
-                show_robots()
+    def show_robots() -> None:
+        live = console.live
+        working.show(robots(console.site, console.lab, live.heartbeats.processes, live.map["robots"]))
 
-            frame.follow(console, "map", show_map)
-            frame.follow(console, "processes", show_processes)
+    def show_map() -> None:
+        state = console.live.map
+        lab_map.show(state)
+        seen.show([(name, one) for name, one in _seen(state).items()])
+        show_robots()
+
+    def show_processes() -> None:
+        health.show(console.live.heartbeats.processes)
+        show_robots()
+
+    frame.follow(console, "map", show_map)
+    frame.follow(console, "processes", show_processes)
 
 
 class Needs:

@@ -53,11 +53,7 @@ _MADE_BY = {
 
 
 def register(console: Console) -> None:
-    @ui.page("/proposals")
-    def proposals() -> None:
-        with frame.page(console, "Proposals", "/proposals"):
-            BudgetVotesSection(console)
-            ProposalsPage(console)
+    frame.register(console, "/proposals", ProposalsPage)
 
 
 def decided(organization: queries.Organization) -> str:
@@ -89,14 +85,14 @@ def _does(contract: str, function: str) -> str:
 class ProposalsPage:
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = frame.problem_section()
+        BudgetVotesSection(console)
+        self._refresh = frame.follow_async(console, "events", self._load)
         with ui.element("div").classes("line"):
             self._decided = widgets.Text("span", "", "soft")
             self._propose = ui.button("Propose", icon="add", on_click=self._ask).props("outline")
             self._propose.visible = False
         self._proposing: Proposing | None = None
         self._all = widgets.Section(self._draw).waiting()
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
         ui.timer(LOOK_S, self._refresh)
         frame.follow(console, "organization", self._offer)
 

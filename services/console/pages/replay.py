@@ -11,7 +11,6 @@ from urllib.parse import urlencode
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
-from rodeo.errors import RodeoError
 from rodeo.evidence.proof import open_proof
 from rodeo.text.strict_json import Json
 from services.console.errors import UnknownFile
@@ -70,10 +69,7 @@ class _Side:
 
     async def _choose(self, named: ui.input) -> None:
         text = str(named.value or "").strip()
-        try:
-            recording = await frame.ask(self._asked_for, text)
-        except RodeoError as error:
-            frame.fail(error)
+        if (recording := await frame.asked(self._asked_for, text)) is None:
             return
         self._wanted[self._side] = text
         ui.navigate.history.replace(f"/replay?{urlencode(self._wanted)}")
@@ -87,11 +83,7 @@ class _Side:
         return track_of(self._console, self._console.queries.evidence(int(found[1]), attempt))
 
     async def _dropped(self, event: UploadEventArguments) -> None:
-        data = await event.file.read()
-        try:
-            recording = await frame.ask(self._opened, data)
-        except RodeoError as error:
-            frame.fail(error)
+        if (recording := await frame.asked(self._opened, await event.file.read())) is None:
             return
         # Only its own seals were checked: no chain knows this file.
         self._show(recording, f"{event.file.name[:80]}: sealed; nobody has checked it")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from decimal import Decimal
 from functools import partial
-from typing import Any
 
 from nicegui import ui
 
@@ -21,27 +20,15 @@ from rodeo.display.formatting import (
     voids_in_words,
     windows_in_words,
 )
-from rodeo.kinds import KindError
-from rodeo.text.strict_json import Json
 from services.console.pages import frame, widgets
-from services.console.pages.forms import choose_command, commands_of
+from services.console.pages.forms import ask_command, choose_command, commands_of
 from services.console.pages.frame import Console
 
-_UNSAID = "unsaid"
-"""Stands for no choice."""
 POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
     "highest_reputation": "Highest reputation",
 }
-
-
-async def changed(console: Console, refresh: Callable[[], None], name: str, request: Json, done: str) -> bool:
-    """Carry out a command and show what it changed; whether it was done."""
-    if await frame.act(console, name, request, done) is None:
-        return False
-    refresh()
-    return True
 
 
 class Rules:
@@ -50,9 +37,6 @@ class Rules:
     def __init__(self, console: Console, refresh: Callable[[], None]) -> None:
         self._console = console
         self._refresh = refresh
-
-    async def _act(self, name: str, request: Json, done: str) -> bool:
-        return await changed(self._console, self._refresh, name, request, done)
 
     def _draw_kinds(self, organization: queries.Organization) -> None:
         columns: widgets.Columns[queries.KindRules] = (
@@ -84,10 +68,9 @@ class Rules:
         _draw_judges(organization)
         if frame.user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
-                ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
-                ui.button("Times of a kind", on_click=partial(self._change_times, organization)).props(
-                    "outline dense"
-                )
+                known = {"allowed": True}
+                allow = partial(ask_command, self._console, "allow_kind", self._refresh, known)
+                ui.button("Allow a kind", on_click=allow).props("outline dense")
                 now = {"policy": organization.policy, **terms.model_dump(mode="json")}
                 names = commands_of(Role.ADMINISTRATOR)
                 more = partial(choose_command, self._console, names, self._refresh, now)
@@ -96,107 +79,27 @@ class Rules:
     def _kind_end(self, one: queries.KindRules) -> None:
         if not frame.user().has(Role.ADMINISTRATOR):
             return
-        click: Callable[[], Awaitable[Any]]
-        if one.allowed:
-            word = "Forbid"
-            request = {"kind": one.kind, "allowed": False}
-            click = partial(self._act, "allow_kind", request, f"{kind(one.kind)} is forbidden")
-        else:
-            word, click = "Allow", partial(self._allow_kind, one.kind)
-        ui.button(word, on_click=click).props(f'flat dense aria-label="{word} {kind(one.kind)}"')
-        if one.allowed:
-            label = f"Change the rules of {kind(one.kind)}"
-            ui.button("Rules", on_click=partial(self._change_hashes, one)).props(
-                f'flat dense aria-label="{label}"'
-            )
+        ask = partial(ask_command, self._console)
+        # What nobody has set yet gets its default.
+        now = {name: value for name, value in one.model_dump(mode="json").items() if value}
+        known = {"kind": one.kind, "allowed": True}
+        change = partial(ask, "allow_kind", self._refresh, known, now | {"rules_sha256": ""})
+        name = kind(one.kind)
+        with ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {name}"'), ui.menu():
+            ui.menu_item("Judge, times and rules" if one.allowed else "Allow", change)
+            if one.allowed:
+                ui.menu_item("Forbid", partial(self._forbid, one))
+            if len(one.rules_sha256) > 1:
+                offered = {"rules_sha256": {rules: short(rules) for rules in one.rules_sha256}}
+                known = {"kind": one.kind}
+                retire = partial(ask, "retire_rules", self._refresh, known, offered=offered)
+                ui.menu_item("Retire rules", retire)
 
     @widgets.on_page
-    async def _change_hashes(self, one: queries.KindRules) -> None:
-        async def change(answer: dict[str, str]) -> bool:
-            request = {"kind": one.kind, "rules_sha256": answer["rules_sha256"]}
-            if answer["action"] == "retire":
-                return await self._act("retire_rules", request, "No more tasks are posted under these rules")
-            request |= {"judge": one.judge}
-            return await self._act("allow_kind", request, "New tasks are judged by these rules")
-
-        installed = await frame.ask(self._installed_rules, one.kind)
-        await widgets.ask_form(
-            f"Rules of {kind(one.kind)}",
-            {
-                "rules_sha256": widgets.Field("Hash of the rules (0x…)", installed),
-                "action": widgets.Field(
-                    "What to do",
-                    choices={
-                        "allow": "Judge new tasks by them; older rules stay current",
-                        "retire": "Post no more tasks under them; their open tasks keep them",
-                    },
-                ),
-            },
-            "Do it",
-            change,
-        )
-
-    def _installed_rules(self, name: str) -> str:
-        """Hash of the rules by which the installed checks judge a kind; empty where people judge it."""
-        # Imported here: what the checks use takes its time, and few pages need it.
-        from rodeo.checks.rules import rules_hash
-
-        found = self._console.kinds.get(name)
-        try:
-            return "" if found is None else rules_hash(found) or ""
-        except KindError:
-            return ""
-
-    @widgets.on_page
-    async def _allow_kind(self, name: str) -> None:
-        """The judge is named each time: no judge is meant by leaving it out."""
-        judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
-        if not name or not self._console.kinds.by_people(name):
-            judges["oracle"] = "the oracle, where it has checks for it"
-
-        async def allow(answer: dict[str, str]) -> bool:
-            if answer["judge"] == _UNSAID:
-                ui.notify("Choose who judges this kind of work", type="warning")
-                return False
-            if not answer["rules_sha256"]:
-                del answer["rules_sha256"]
-            done = f"{kind(answer['kind'])} is allowed"
-            return await self._act("allow_kind", {"allowed": True, **answer}, done)
-
-        installed = await frame.ask(self._installed_rules, name)
-        await widgets.ask_form(
-            f"Allow {kind(name)}" if name else "Allow a kind of work",
-            {
-                "kind": widgets.Field("Name, for example window_cleaning", name),
-                "judge": widgets.Field("Judged by", choices=judges),
-                "rules_sha256": widgets.Field("Hash of the rules (0x…), where the oracle judges", installed),
-            },
-            "Allow it",
-            allow,
-        )
-
-    @widgets.on_page
-    async def _change_times(self, organization: queries.Organization) -> None:
-        judges = {one.kind: one.judge for one in organization.kinds if one.allowed}
-
-        async def change(answer: dict[str, str]) -> bool:
-            request = {name: value for name, value in answer.items() if value}
-            request |= {"judge": judges[answer["kind"]]}
-            return await self._act("allow_kind", request, f"The times of {kind(answer['kind'])} are set")
-
-        await widgets.ask_form(
-            "Times of a kind, in seconds, and its price; what is left empty stays",
-            {
-                "kind": widgets.Field("Kind of work", choices={name: kind(name) for name in judges}),
-                "min_window_s": widgets.Field("Shortest time to work"),
-                "max_window_s": widgets.Field("Longest time to work"),
-                "grace_s": widgets.Field("Time to accept a task or give it back"),
-                "reference_price_iec": widgets.Field("An attempt counts in a record up to (IEC)"),
-                "audit_window_s": widgets.Field("Auditors may rule for, when the judge cannot; then: void"),
-            },
-            "Set them",
-            change,
-        )
+    async def _forbid(self, one: queries.KindRules) -> None:
+        request, done = {"kind": one.kind, "allowed": False}, f"{kind(one.kind)} is forbidden"
+        if await frame.act(self._console, "allow_kind", request, done) is not None:
+            self._refresh()
 
 
 def _draw_judges(organization: queries.Organization) -> None:

@@ -24,28 +24,25 @@ from services.console.actions import ORGANIZATION, speaks_for
 from services.console.pages import frame, widgets
 from services.console.pages.forms import ask_command
 from services.console.pages.frame import Console
-from services.console.pages.rules import Rules, changed, judged_by
+from services.console.pages.rules import Rules, judged_by
 
 
 def register(console: Console) -> None:
-    @ui.page("/services")
-    def services() -> None:
-        with frame.page(console, "Services and participants", "/services"):
-            ServicesPage(console)
+    frame.register(console, "/services", ServicesPage)
 
 
 class ServicesPage:
     def __init__(self, console: Console) -> None:
         self._console = console
         person = frame.user()
-        self._problem = frame.problem_section()
+        self._refresh = frame.follow_async(console, "events", self._load)
         with widgets.card("Services") as head:
             if person.has(Role.OPERATOR, Role.EXECUTOR):
                 with head:
                     ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
             self._services = widgets.Section(self._draw_services).waiting()
         with widgets.card("Rules"):
-            self._rules = widgets.Section(Rules(console, lambda: self._refresh()).draw).waiting()
+            self._rules = widgets.Section(Rules(console, self._refresh).draw).waiting()
         with widgets.card("Participants"):
             self._participants = widgets.Section(partial(_draw_participants, console)).waiting()
         with widgets.card("Device keys") as head:
@@ -55,7 +52,6 @@ class ServicesPage:
                         "Register a key", icon="add", on_click=partial(self._ask, "register_device")
                     ).props("flat dense")
             self._devices = widgets.Section(self._draw_devices).waiting()
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     async def _load(self) -> None:
         answer = self._console.queries.ask
@@ -67,11 +63,6 @@ class ServicesPage:
         self._participants.show(participants)
         self._devices.show(devices)
         self._rules.show(self._organization)
-
-    @widgets.on_page
-    async def _act(self, name: str, request: Json, done: str) -> bool:
-        """Whether it was done."""
-        return await changed(self._console, self._refresh, name, request, done)
 
     async def _ask(self, name: str, known: Json | None = None, now: Json | None = None) -> None:
         await ask_command(self._console, name, self._refresh, known, now)
@@ -95,50 +86,27 @@ class ServicesPage:
         own = provider is not None and speaks_for(person, provider)
         if service.state == "retired" or not (own or person.has(Role.ADMINISTRATOR)):
             return
+        this = {"service_id": service.id}
+        mine = this | {"participant": provider}
+
+        def item(text: str, command: str, known: Json, now: Json | None = None) -> None:
+            ui.menu_item(text, partial(self._ask, command, known, now))
+
         about = f"service {service.id}"
         with ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {about}"'), ui.menu():
             if own:
                 if not service.agrees:
                     ui.menu_item("Agree to the present judge", partial(self._agree, service))
-                ui.menu_item("Change the price", partial(self._price, service))
+                now: Json = {"price_iec": f"{service.price_iec:f}", "state": service.state}
+                item("Price, pause, resume or retire", "update_service", mine, now)
                 if provider != ORGANIZATION:  # its contract cannot say it for its own services
                     now = {"namers": service.namers, "max_void_percent": service.max_void_percent}
-                    known = {"service_id": service.id, "participant": provider}
-                    name_it = partial(self._ask, "set_namers", known, now)
-                    ui.menu_item("Who may name it", name_it)
-                if service.state in ("active", "short"):
-                    ui.menu_item("Pause", partial(self._set_state, service, "paused"))
-                elif service.state == "paused":
-                    ui.menu_item("Resume", partial(self._set_state, service, "active"))
-                ui.menu_item("Retire for good", partial(self._set_state, service, "retired"))
+                    item("Who may name it", "set_namers", mine, now)
             if person.has(Role.ADMINISTRATOR):
                 if service.state == "suspended":
-                    request = {"service_id": service.id}
-                    ui.menu_item(
-                        "Reinstate", partial(self._act, "reinstate_service", request, f"{about} works again")
-                    )
+                    item("Reinstate", "reinstate_service", this)
                 else:
-                    ui.menu_item("Suspend", partial(self._suspend, service))
-
-    @widgets.on_page
-    async def _price(self, service: queries.Offer) -> None:
-        await widgets.ask_form(
-            f"New price of service {service.id}",
-            {"price_iec": widgets.Field("Price (IEC)", f"{service.price_iec:f}")},
-            "Set the price",
-            lambda answer: self._update(service, answer, f"Service {service.id} has a new price"),
-        )
-
-    @widgets.on_page
-    async def _set_state(self, service: queries.Offer, state: str) -> None:
-        if state == "retired":
-            lines = [
-                ("Service", f"{service.id} · {kind(service.kind)}"),
-                ("After that", "it cannot come back"),
-            ]
-            if not await widgets.confirm("Retire this service?", lines, "Retire it", danger=True):
-                return
-        await self._update(service, {"state": state}, f"Service {service.id} is {state}")
+                    item("Suspend", "suspend_service", this)
 
     @widgets.on_page
     async def _agree(self, service: queries.Offer) -> None:
@@ -150,22 +118,8 @@ class ServicesPage:
         ]
         if await widgets.confirm("Agree to the present judge?", lines, "Agree"):
             request = {"service_id": service.id, "participant": service.provider_name}
-            await self._act("agree", request, f"Service {service.id} has agreed")
-
-    async def _update(self, service: queries.Offer, change: Json, done: str) -> bool:
-        request = {"service_id": service.id, "participant": service.provider_name, **change}
-        return await self._act("update_service", request, done)
-
-    @widgets.on_page
-    async def _suspend(self, service: queries.Offer) -> None:
-        lines = [
-            ("Service", f"{service.id} · {kind(service.kind)}"),
-            ("Until", "an administrator reinstates it"),
-        ]
-        if await widgets.confirm("Suspend this service?", lines, "Suspend it", danger=True):
-            await self._act(
-                "suspend_service", {"service_id": service.id}, f"Service {service.id} is suspended"
-            )
+            if await frame.act(self._console, "agree", request, f"Service {service.id} has agreed"):
+                self._refresh()
 
     async def _offer(self) -> None:
         person = frame.user()
@@ -173,27 +127,17 @@ class ServicesPage:
         if not participant:
             ui.notify("Your account works as no participant; an administrator can say which", type="warning")
             return
-        site = self._console.site
-        allowed = [
-            one.kind
+        allowed = {
+            one.kind: kind(one.kind)
             for one in self._organization.kinds
-            if one.allowed and not cannot_do(site, participant, one.kind)
-        ]
+            if one.allowed and not cannot_do(self._console.site, participant, one.kind)
+        }
         if not allowed:
             ui.notify(f"The organization accepts no kind of work that {participant} can do", type="warning")
             return
-        await widgets.ask_form(
-            f"Offer a service of {participant}",
-            {
-                "kind": widgets.Field("Kind", choices={name: kind(name) for name in allowed}),
-                "price_iec": widgets.Field("Price (IEC)", "100"),
-                "description": widgets.Field("For people"),
-            },
-            "Offer it",
-            lambda answer: self._act(
-                "register_service", {"participant": participant, **answer}, "The service is on offer"
-            ),
-        )
+        known = {"participant": participant}
+        offered, start = {"kind": allowed}, {"price_iec": "100"}
+        await ask_command(self._console, "register_service", self._refresh, known, start, offered=offered)
 
     # -- devices ---------------------------------------------------------------------------------------
 
@@ -250,6 +194,10 @@ def _provider(console: Console, service: queries.Offer) -> None:
     widgets.Text("div", _known(console, service), "soft wrap")
 
 
+_NEWCOMER = (
+    "Three accepted tasks for others, or the organization's word, make a newcomer proven. A newcomer works "
+    "with one service at a time, and rests after each task that it gives back or misses."
+)
 _PARTICIPANTS: widgets.Columns[queries.Person] = (
     widgets.Column("Participant", lambda one: _person(one)),
     widgets.Column("Address", lambda one: widgets.hash_text(one.address), "wide-only"),
@@ -264,6 +212,7 @@ _PARTICIPANTS: widgets.Columns[queries.Person] = (
 def _draw_participants(console: Console, participants: list[queries.Person]) -> None:
     known = widgets.Column[queries.Person]("Known as", partial(_known, console), "wrap wide-only")
     widgets.table("Participants", (*_PARTICIPANTS[:3], known, *_PARTICIPANTS[3:]), participants)
+    widgets.Text("p", _NEWCOMER, "soft wide-only")
 
 
 def _person(one: queries.Person) -> None:

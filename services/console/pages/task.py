@@ -43,6 +43,7 @@ from rodeo.person.photo_code import photo_code
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabViews
 from services.console.pages import dispute, frame, widgets
+from services.console.pages.forms import ask_command
 from services.console.pages.frame import Console
 from services.console.pages.replay import track_of
 from services.console.pages.task_evidence import TaskEvidence
@@ -68,7 +69,7 @@ class TaskPage:
         self._live = False
         frame.back_link("Tasks", "/tasks")
         self._head = widgets.Section(self._draw_head).live()
-        self._problem = frame.problem_section()
+        self._refresh = frame.follow_async(console, "events", self._load)
         self._parts = ui.element("div").classes("stack")
         with self._parts:
             with widgets.card("Progress"):
@@ -89,7 +90,6 @@ class TaskPage:
             with widgets.card("Transactions"):
                 self._transactions = widgets.Section(_draw_transactions).waiting()
         frame.follow(console, "map", self._show_map)
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     def _show_map(self) -> None:
         """Robots are shown while somebody works on the task."""
@@ -206,25 +206,11 @@ class TaskPage:
     @widgets.on_page
     async def _match(self, task: Task) -> None:
         """A match considers a few services only, so that somebody may have to name one."""
-        try:
-            offers = (await frame.ask(self._console.queries.ask, SERVICES, kind=task.kind)).services
-        except RodeoError as error:
-            frame.fail(error)
-            return
-
-        choices = {"": "as the policy chooses"} | fitting(task, offers)
-
-        async def perform(answer: dict[str, str]) -> bool:
-            request = {"task_id": task.id, **{name: value for name, value in answer.items() if value}}
-            done = f"Task {task.id} was matched"
-            return await frame.act(self._console, "match_task", request, done) is not None
-
-        await widgets.ask_form(
-            f"Match task {task.id}",
-            {"service_id": widgets.Field("Service", choices=choices)},
-            "Match",
-            perform,
-        )
+        answer = await frame.asked(self._console.queries.ask, SERVICES, kind=task.kind)
+        if answer is not None:
+            choices = {"": "as the policy chooses"} | fitting(task, answer.services)
+            known, offered = {"task_id": task.id}, {"service_id": choices}
+            await ask_command(self._console, "match_task", self._refresh, known, offered=offered)
 
     def _can_be_concluded(self, task: Task) -> bool:
         """Whether the time of the ruling is over, or that to rule; unknown while nobody publishes the
@@ -241,15 +227,11 @@ class TaskPage:
         if self._evidence.shown is None:
             return
         self._replay.props("loading")
-        try:
-            recording = await frame.ask(track_of, self._console, self._evidence.shown)
-        except RodeoError as error:
-            frame.fail(error)
-            return
-        finally:
-            self._replay.props(remove="loading")
-        self._replay.visible = False
-        self._lab.replay.show(recording)
+        recording = await frame.asked(track_of, self._console, self._evidence.shown)
+        self._replay.props(remove="loading")
+        if recording is not None:
+            self._replay.visible = False
+            self._lab.replay.show(recording)
 
 
 def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], people: list[str]) -> str:
@@ -335,12 +317,17 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
 
 def _verdict_step(task: Task) -> str:
     if task.standing is not None:
-        return "An auditor decides" if task.passed_on else "Ruling stands"
+        stands = "Challenged: judges decide" if _is_challenged(task) else "Ruling stands"
+        return "An auditor decides" if task.passed_on else stands
     if not task.verdict:
         return "Verdict"
     by_people = is_peoples_verdict(task)
     word = WORDS.get(task.verdict, task.verdict)
     return f"Verdict: {word}" + (" by an auditor" if by_people else "")
+
+
+def _is_challenged(task: Task) -> bool:
+    return task.dispute is not None and task.dispute.challenger is not None and not task.dispute.settled
 
 
 def _deadline(task: Task) -> str:
@@ -351,7 +338,8 @@ def _deadline(task: Task) -> str:
     if task.state == "submitted" and task.verdict_deadline:
         return f"; the ruling is due by {frame.when(task.verdict_deadline)}"
     if task.standing is not None:
-        stands = "auditors may rule" if task.passed_on else "the ruling stands"
+        stands = "judges decide" if _is_challenged(task) else "the ruling stands"
+        stands = "auditors may rule" if task.passed_on else stands
         return f"; {stands} until {frame.when(task.standing.until)}"
     return ""
 

@@ -47,12 +47,8 @@ def register(console: Console) -> None:
     def new(like: int | None = None) -> None:
         with frame.page(console, "Post a task", "/tasks", heading=False):
             frame.page_head("Post a task", "Its reward goes into escrow until the work is proven.")
-            if not frame.user().has(Role.OPERATOR):
-                widgets.notice(
-                    "You need the role operator to post tasks. Ask an administrator for it.", bad=True
-                )
-                return
-            PostForm(console, like)
+            if frame.require("post tasks", Role.OPERATOR):
+                PostForm(console, like)
 
 
 def _list(console: Console, page: int, state: str, kind_: str, text: str) -> None:
@@ -80,10 +76,6 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
         search.props(f"outlined dense clearable debounce=300 maxlength={MAX_SEARCH}").style(
             "flex: 1; max-width: 320px"
         )
-    problem = frame.problem_section()
-    with ui.element("section").classes("card").props('aria-label="Tasks"'):
-        rows = widgets.Section(_draw_rows).waiting()
-        pager = widgets.Section(lambda total, at: _draw_pager(total, at, lambda to: choose(page=to)))
 
     async def load() -> None:
         (found, total), chain = await asyncio.gather(
@@ -97,7 +89,12 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
         rows.show(found, bool(wanted["state"] or wanted["kind"] or wanted["text"]))
         pager.show(total, wanted["page"])
 
-    refresh = frame.follow_async(console, "events", load, problem)
+    refresh = frame.follow_async(console, "events", load)
+    with ui.element("section").classes("card").props('aria-label="Tasks"'):
+        rows = widgets.Section(_draw_rows).waiting()
+        pager = widgets.Section(
+            lambda total, at: widgets.pager(at, PAGE_ROWS, total, "task", lambda to: choose(page=to))
+        )
 
 
 def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:
@@ -137,19 +134,6 @@ def _name(task: Task) -> None:
     widgets.Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}")
     if task.description:
         widgets.Text("div", task.description[:120], "soft wrap")
-
-
-def _draw_pager(total: int, page: int, go: Any) -> None:
-    pages = max(1, -(-total // PAGE_ROWS))
-    with ui.element("nav").classes("line").props('aria-label="Pages of the list"'):
-        first = (page - 1) * PAGE_ROWS + 1
-        shown = f"{first:,} to {min(total, page * PAGE_ROWS):,} of {total:,}" if total else "0 tasks"
-        widgets.Text("span", shown, "soft").props('aria-live="polite"')
-        ui.element("span").classes("grow")
-        if pages > 1:
-            ui.pagination(
-                1, pages, value=min(page, pages), direction_links=True, on_change=lambda e: go(e.value)
-            ).props("max-pages=7 boundary-numbers")
 
 
 _OTHER = ""
@@ -223,10 +207,7 @@ class PostForm:
 
     async def _copy(self, task_id: int) -> None:
         """Fill in what another task asked for."""
-        try:
-            task = await frame.ask(self._console.queries.task, task_id)
-        except RodeoError as error:
-            frame.fail(error)
+        if (task := await frame.asked(self._console.queries.task, task_id)) is None:
             return
         self.kind.set_options({**dict(self.kind.options), task.kind: kind(task.kind)}, value=task.kind)
         self._shown().fill(task.params)
@@ -414,12 +395,9 @@ class PostForm:
         balance = self._balance()
         if balance is not None:
             lines.append(("Organization after", iec(balance - request.reward_iec)))
-        try:
-            if doubt := await frame.ask(self._console.actions.doubt, request):
-                lines.append(("Mind", doubt))
-        except RodeoError as error:
-            frame.fail(error)
+        if (doubt := await frame.asked(self._console.actions.doubt, request)) is None:
             return
+        lines += [("Mind", doubt)] if doubt else []
         if not await widgets.confirm("Post this task?", lines, f"Pay {reward} into escrow"):
             return
         self.post.disable()

@@ -12,7 +12,7 @@ from rodeo.access.roles import Role
 from rodeo.bus import queries
 from rodeo.charging.tariff import prices
 from rodeo.display.earnings import Line
-from rodeo.display.formatting import count, iec, party, short, worth
+from rodeo.display.formatting import iec, party, short, worth
 from rodeo.text.strict_json import Json
 from services.console.actions import ORGANIZATION
 from services.console.money import change, reason
@@ -45,10 +45,7 @@ _PALETTE = (_TEAL, _AMBER, "#5b7fd0", "#a25fb0", _GREEN, _RED)
 
 
 def register(console: Console) -> None:
-    @ui.page("/treasury")
-    def treasury() -> None:
-        with frame.page(console, "Treasury", "/treasury", heading=False):
-            TreasuryPage(console)
+    frame.register(console, "/treasury", TreasuryPage, heading=False)
 
 
 class Earnings:
@@ -59,19 +56,19 @@ class Earnings:
         with widgets.card("Earned and spent, by week") as head:
             with head:
                 ui.button("Earnings as CSV", icon="download").props("flat dense href=/files/earnings.csv")
-            problem = frame.problem_section()
+            frame.follow_async(console, "events", self._load)
             self._weeks = ui.echart(_week_options([])).style("height: 280px; width: 100%")
             self._weeks.props(
                 'role="img" aria-label="Earned and spent by week; the table below has the numbers"'
             )
             self._lines = widgets.Section(_draw_earnings).waiting()
-        frame.follow_async(console, "events", self._load, problem)
 
     async def _load(self) -> None:
         lines = await frame.ask(self._console.queries.earnings, EARNINGS_TASKS)
         self._weeks.options.clear()
         self._weeks.options.update(_week_options(lines))
         self._weeks.update()
+        self._weeks.visible = bool(lines)
         self._lines.show(lines)
 
 
@@ -83,7 +80,7 @@ class TreasuryPage:
         with frame.page_head("Treasury"):
             if frame.user().has(Role.TREASURER):
                 buttons(console, Role.TREASURER, lambda: self._refresh())
-        self._problem = frame.problem_section()
+        self._refresh = frame.follow_async(console, "events", self._load)
         with ui.element("div").classes("grid tiles"):
             self._balance, self._escrow, self._earned, self._spent = (
                 widgets.tile(name, "–")
@@ -105,7 +102,6 @@ class TreasuryPage:
             with ui.element("div").classes("stack span-4"), widgets.card("Tariffs"):
                 _draw_tariffs(console)
         Earnings(console)
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     def _choose(self, event: Any) -> None:
         self._account, self._page = str(event.value), 1
@@ -150,19 +146,11 @@ class TreasuryPage:
             widgets.Column("Balance", lambda one: iec(one.balance_iec), "number wide-only"),
         )
         widgets.table("Transfers, newest first", columns, transfers, "No transfers.")
-        if not transfers:
-            return
-        pages = max(1, -(-total // PAGE_ROWS))
-        with ui.element("div").classes("line"):
-            widgets.Text("span", count(total, "transfer"), "soft")
-            ui.element("span").classes("grow")
-            if pages > 1:
-                ui.pagination(1, pages, value=page, direction_links=True, on_change=self._turn).props(
-                    "max-pages=6"
-                )
+        if transfers:
+            widgets.pager(page, PAGE_ROWS, total, "transfer", self._turn)
 
-    def _turn(self, event: Any) -> None:
-        self._page = int(event.value)
+    def _turn(self, page: int) -> None:
+        self._page = page
         self._refresh()
 
 
@@ -189,10 +177,10 @@ def _draw_tariffs(console: Console) -> None:
     economy = console.site.economy
     with widgets.facts():
         for tariff in sorted(economy.electricity, key=lambda tariff: tariff.from_hour):
-            widgets.fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh")
+            widgets.fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh", "plain")
         for one in console.kinds.values():
             if one.price_iec:
-                widgets.fact(f"Usual price, {one.title.lower()}", worth(one.price_iec, console.site))
+                widgets.fact(f"Usual price, {one.title.lower()}", worth(one.price_iec, console.site), "plain")
     widgets.Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
 
 

@@ -13,7 +13,7 @@ from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from rodeo.bus.messages import Task
-from rodeo.display.formatting import STATE_COLOURS, kind, short
+from rodeo.display.formatting import STATE_COLOURS, count, kind, short
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -147,6 +147,20 @@ def table(caption: str, columns: Columns[R], rows: Iterable[R], none: str = "") 
                         with Text("td", "", one.classes) as cell:
                             if isinstance(said := one.cell(row), str):
                                 cell.set_text(said)
+
+
+def pager(page: int, rows: int, total: int, noun: str, turn: Callable[[int], None]) -> None:
+    """Which rows of a list this page shows, and the way to the others; `turn` is called with a page."""
+    pages = max(1, -(-total // rows))
+    with ui.element("nav").classes("line").props('aria-label="Pages of the list"'):
+        first, last = (page - 1) * rows + 1, min(total, page * rows)
+        shown = count(total, noun) if pages == 1 else f"{first:,} to {last:,} of {total:,}"
+        Text("span", shown, "soft").props('aria-live="polite"')
+        ui.element("span").classes("grow")
+        if pages > 1:
+            ui.pagination(
+                1, pages, value=page, direction_links=True, on_change=lambda event: turn(int(event.value))
+            ).props("max-pages=7 boundary-numbers")
 
 
 def progress_bar(value: float, label: str) -> None:

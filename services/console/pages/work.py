@@ -27,25 +27,21 @@ SHOWN = 20
 
 
 def register(console: Console) -> None:
-    @ui.page("/work")
-    def work() -> None:
-        with frame.page(console, "My work", "/work"):
-            person = frame.user()
-            if warning := pace.warning(console.site):
-                widgets.notice(warning)
-            if not person.has(Role.EXECUTOR, Role.AUDITOR):
-                widgets.notice(
-                    "This page is for executors and auditors. Ask an administrator for one of these roles.",
-                    bad=True,
-                )
-                return
-            if person.has(Role.EXECUTOR):
-                if person.participant is None:
-                    widgets.notice("Your account has no participant. An administrator can set one.", bad=True)
-                else:
-                    ExecutorDesk(console, person.participant)
-            if person.has(Role.AUDITOR):
-                AuditorDesk(console)
+    frame.register(console, "/work", _desks)
+
+
+def _desks(console: Console) -> None:
+    person = frame.user()
+    if warning := pace.warning(console.site):
+        widgets.notice(warning)
+    frame.require("work or judge here", Role.EXECUTOR, Role.AUDITOR)
+    if person.has(Role.EXECUTOR):
+        if person.participant is None:
+            widgets.notice("Your account has no participant. An administrator can set one.", bad=True)
+        else:
+            ExecutorDesk(console, person.participant)
+    if person.has(Role.AUDITOR):
+        AuditorDesk(console)
 
 
 class ExecutorDesk:
@@ -54,7 +50,7 @@ class ExecutorDesk:
     def __init__(self, console: Console, participant: str) -> None:
         self._console = console
         self._participant = participant
-        self._problem = frame.problem_section()
+        frame.follow_async(console, "events", self._load)
         with ui.element("div").classes("grid tiles"):
             self._balance, self._todo, self._waiting, self._paid = (
                 widgets.tile(name, "–")
@@ -65,7 +61,6 @@ class ExecutorDesk:
                 self._assigned = widgets.Section(self._draw_assigned).waiting().live()
             with ui.element("div").classes("stack span-5"), widgets.card("Handed in"):
                 self._ended = widgets.Section(_draw_ended).waiting().live()
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     async def _load(self) -> None:
         mine = partial(self._console.queries.tasks, executor=self._participant)
@@ -113,10 +108,7 @@ class ExecutorDesk:
 
         async def take(event: UploadEventArguments) -> None:
             data = await event.file.read()
-            try:
-                await frame.ask(check_photo, data)
-            except RodeoError as error:
-                frame.fail(error)
+            if await frame.asked(check_photo, data) is None:
                 return
             photos.append(data)
             added.set_text(f"{count(len(photos), 'photo')} added")
@@ -187,10 +179,9 @@ class AuditorDesk:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = frame.problem_section()
+        frame.follow_async(console, "events", self._load)
         with widgets.card("To judge"):
             self._waiting = widgets.Section(self._draw).waiting().live()
-        self._refresh = frame.follow_async(console, "events", self._load, self._problem)
 
     async def _load(self) -> None:
         tasks = self._console.queries.tasks
@@ -244,12 +235,7 @@ class AuditorDesk:
         """A person's statement, and what is known about the proof."""
         if not self._console.kinds.by_people(task.kind):
             return None, []
-        try:
-            statement = await frame.ask(self._console.queries.statement, task)
-        except RodeoError as error:
-            frame.fail(error)
-            return None, []
-        if statement is None:
+        if (statement := await frame.asked(self._console.queries.statement, task)) is None:
             return None, []
         try:
             return statement, (await frame.ask(self._console.queries.review, task)).lines()
