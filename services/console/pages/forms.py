@@ -153,8 +153,9 @@ def _field(name: str, one: Any, now: Any) -> widgets.Field:
     choices: dict[str, str] | None = None
     kept: dict[str, str] = {}
     annotation = one.annotation
-    if NoneType in get_args(annotation):
-        annotation, kept = get_args(annotation)[0], {"": "as it is, or the default"}
+    parts = get_args(annotation)
+    if len(parts) == 2 and parts[1] is NoneType:
+        annotation, kept = parts[0], {"": "as it is, or the default"}
     if annotation is bool:
         choices, start = kept | {"true": "yes", "false": "no"}, start or ("" if kept else "true")
     elif get_origin(annotation) is Literal:
