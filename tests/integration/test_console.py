@@ -117,7 +117,6 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     expect(page.get_by_role("img", name="grip force over time")).to_be_visible()
     page.get_by_role("button", name=re.compile("lifted: .*grasp passed")).click()
     expect(said.locator(".past").last).to_contain_text("Lifted")
-    axe_finds_nothing(page)
 
     open_page(page, "/replay")
     page.locator("input[type=file]").last.set_input_files(
@@ -250,7 +249,6 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
 def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(desk: Desk) -> None:
     Dao(desk.running).post("1", allow_wait=True)  # so that there is a task, whatever ran before
     page, stranger = desk.page("ada"), desk.page(None)
-    page.add_init_script(WITHOUT_3D)
     for path in PAGES:
         open_page(page, path)
         clock = page.get_by_role("timer", name="Site time")
@@ -260,6 +258,8 @@ def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(d
             expect(page.locator("body")).to_have_class(re.compile(f"body--{colours}"))
             nothing_is_faint(page)
             axe_finds_nothing(page)
+        if path == "/":
+            page.add_init_script(WITHOUT_3D)  # its views were looked at
     for path in ("/docs", "/nothing"):
         page.goto(path)
         for _ in seen(page):
