@@ -86,7 +86,7 @@ experiment: $(VENV)/installed-experiment  ## the published experiment twice, abo
 	@$(BIN)/rodeo experiment paper
 
 # Of all areas only the planted bugs need the solver.
-bench: $(DEV) $(if $(filter mutants,$(or $(ONLY),mutants)),$(SOLVER)/stamp) node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, fuzz, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console, outside, lab, cli, extras; by its name alone: verdicts)
+bench: $(DEV) $(if $(filter mutants,$(or $(ONLY),mutants)),$(SOLVER)/stamp) node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, fuzz, kinds, honest, unlisted, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console, outside, lab, cli, extras; by its name alone: verdicts)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: $(DEV) node-packages  ## linters, type checker, imports, sizes of classes, ROS 2 interfaces, the network's answers, built contracts equal to their sources

@@ -20,6 +20,7 @@ AREAS = (
     "fuzz",
     "kinds",
     "honest",
+    "unlisted",
     "margins",
     "robot",
     "itrash",

@@ -28,6 +28,7 @@ THE_MOTION_CAPTURE = "the site's motion capture"
 THE_CREATOR = "the task's creator"
 """As those who failed."""
 NO_MOCAP = "not applicable: the site has no motion capture"
+NO_MARKERS = "not applicable: what was carried has no markers"
 LATE_WALL_S = 5.0
 """What a busy recorder or bridge may be late, of wall time: more of site time where the clock is faster."""
 
@@ -124,6 +125,16 @@ class Case:
         return self.site.lab.mocap
 
     @property
+    def unmarked(self) -> bool:
+        """Whether motion capture signs where the gripper is, and not what it carries."""
+        return self.mocap and not self.checks.marked(self)
+
+    @property
+    def tracked(self) -> bool:
+        """Whether motion capture signs where the item is."""
+        return self.mocap and not self.unmarked
+
+    @property
     def base_source(self) -> str:
         """The source of where the base is."""
         return "motion capture" if self.mocap else "the robot's own localisation"
@@ -131,7 +142,7 @@ class Case:
     @property
     def item_pose_source(self) -> Literal["motion capture", "perception"]:
         """The source of where the item lay: the lab, or the robot itself, which is weaker."""
-        return "motion capture" if self.mocap else "perception"
+        return "motion capture" if self.tracked else "perception"
 
     @property
     def executor(self) -> str:
@@ -184,6 +195,8 @@ class Checks:
     """What is carried, where the checks of the carry are among the stages. Raises CaseError."""
     bin: Callable[[Case], BinConfig] | None = None
     """At which bin, where one of the checks or of what they compute asks for it. Raises CaseError."""
+    marked: Callable[[Case], bool] = lambda case: True
+    """Whether the item has markers, by which motion capture sees it."""
     both_sides_sign: bool = False
     """Whether seller and buyer testify against each other, so that their own devices' word is evidence.
     Otherwise a witness that the executor owns counts for nothing, and no robot vouches for others: it works

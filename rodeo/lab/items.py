@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from rodeo.errors import RodeoError
@@ -47,6 +48,14 @@ class Shape:
     rgb: Rgb
     lies: bool = False
     """True if it is put into the world on its side."""
+
+
+class MeasuredItem(ItemConfig):
+    """A thing that no site file lists, as the box that somebody measured."""
+
+    size_m: Vec3
+    """Extents along the x, y and z axis of its frame."""
+    mass_kg: float = Field(gt=0)
 
 
 @dataclass(frozen=True)
@@ -196,6 +205,9 @@ SHAPES: dict[ItemClass, dict[str, Shape]] = {
 
 def shape_of(item: ItemConfig) -> Shape:
     """The item's shape."""
+    if isinstance(item, MeasuredItem):
+        x_m, y_m, z_m = (size / 2 for size in item.size_m)
+        return Shape("box", (x_m, y_m, z_m), (Part("box", (x_m, y_m, z_m)),), (0.6, 0.6, 0.6))
     return SHAPES[item.item_class][item.shape]
 
 

@@ -623,6 +623,9 @@ class KindConfig(_Table):
     rates: list[RateConfig] = []
     """Pay by quantity, at most the agreed price; without rates the price is for the whole task. Part of the
     kind's rules."""
+    oracle_below_iec: Decimal = Field(default=Decimal(0), ge=0)
+    """Below this price the oracle also accepts work of which a part is the executor's word alone, such as the
+    cleaning of a place. At this price and above auditors decide about it."""
 
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:

@@ -39,6 +39,8 @@ from rodeo_kinds.waste_disposal.params import CleaningParams
 
 log = logging.getLogger(__name__)
 
+_ANYTHING = "anything that lies at a place"
+"""This robot takes only what the site lists."""
 _PICKS = 4
 _DELIVERIES = 4
 _BIN_RECALL_WALL_S = 4.0
@@ -66,7 +68,7 @@ class WasteDisposal(Behaviour):
             places, stations = [(item.pose.x_m, item.pose.y_m) for item in self._items], self.stations
         else:
             params = ordered(task)
-            self.item(params.item_id)
+            self.item(params.item_id or _ANYTHING)
             places, stations = [(params.x_m, params.y_m)], self.choice(params)[:1]
             try:
                 self._floor.lookouts(places[0], (), here)
@@ -85,7 +87,7 @@ class WasteDisposal(Behaviour):
     def execute(self, work: Work) -> None:
         params = ordered(work.task)
         place, stations = (params.x_m, params.y_m), self.choice(params)
-        self.dispose(params.item_id, place, stations, work)
+        self.dispose(params.item_id or _ANYTHING, place, stations, work)
 
     def choice(self, params: CleaningParams) -> list[Station]:
         """The bin that the task names, or all, the nearest to the item first. Raises TaskFailed."""

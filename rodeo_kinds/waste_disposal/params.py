@@ -21,11 +21,12 @@ _UNDER_WAY = ("open", "assigned", "submitted", "ruled")
 
 
 class CleaningParams(BaseModel):
-    """Parameters of a task: the item, its place (m in frame `map`), and the bin."""
+    """Parameters of a task: the item, its place (m in frame `map`), and the bin. Without an item it is about
+    what lies at the place."""
 
     model_config = ConfigDict(extra="allow")
 
-    item_id: Annotated[Name, shown("Item", "item")]
+    item_id: Annotated[Name | None, shown("Item", "item")] = None
     x_m: Annotated[Coordinate, shown("East, x (m)", "map-x")]
     y_m: Annotated[Coordinate, shown("North, y (m)", "map-y")]
     bin: Annotated[Name | None, shown("Bin", "bin")] = None
@@ -35,6 +36,8 @@ class CleaningParams(BaseModel):
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
     """Why the item of a new task is probably not at the task's place; empty if nothing suggests that."""
     item_id = params.get("item_id")
+    if item_id is None:
+        return ""
     for task in tasks:
         if task.params.get("item_id") != item_id:
             continue
@@ -58,7 +61,8 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
     """Field -> what to do about it."""
     wrong = {}
     known = [item.id for item in site.items]
-    if params.get("item_id") not in known:
+    sees_grippers = site.lab.mocap and site.lab.mocap_gripper
+    if params.get("item_id") not in (known if not sees_grippers else [*known, None]):
         wrong["item_id"] = choose("item", known)
     x_m, y_m = params.get("x_m"), params.get("y_m")
     if not (is_number(x_m) and is_number(y_m)):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from rodeo.checks.case import NO_MOCAP, Case, CaseError
+from rodeo.checks.case import NO_MARKERS, NO_MOCAP, Case, CaseError
 from rodeo.checks.counts import COUNTS
 from rodeo.checks.motion.grip import EVERY
 from rodeo.checks.motion.gripper import most_of
@@ -113,6 +113,8 @@ def motion_capture(case: Case) -> Finding:
     """The replayed item is where motion capture saw the real one."""
     if not case.mocap:
         return skipped(NO_MOCAP)
+    if not case.tracked:
+        return skipped(NO_MARKERS)
     replay = replay_of(case)
     carried = _carried(case) & _known(case)
     if carried.sum() < KNOWN_SHARE * _carried(case).sum():

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rodeo.checks.case import NO_MOCAP, Case, CaseError
+from rodeo.checks.case import NO_MARKERS, NO_MOCAP, Case, CaseError
 from rodeo.checks.motion.kinematics import inverse, kinematics_of, product, turned
 from rodeo.checks.motion.phases import HELD_S, LIFTED_M, phases_of
 from rodeo.checks.motion.poses import CLOCKS_S, Pose, base_of, beyond_s, missing_s, pose_of
@@ -107,6 +107,8 @@ def item_in_gripper(case: Case) -> Finding:
     """From the lift to the release the item moves with the gripper that motion capture saw, as one body."""
     if (missing := _missing(case)) is not None:
         return missing
+    if not case.tracked:
+        return skipped(NO_MARKERS)
     gripper, item, phases = _gripper(case), pose_of(case, case.item.id), phases_of(case)
     release_s = _release_s(case)
     for start_s, end_s in gripper.unseen_s:

@@ -86,9 +86,9 @@ def _lies(item: Pose, from_s: float) -> bool:
 
 @once_per_case
 def phases_of(case: Case) -> Phases:
-    """The phases of the carry of the task's item, by motion capture, or by what the gripper felt without.
-    Raises CaseError."""
-    if not case.mocap:
+    """The phases of the carry of the task's item, by motion capture, or by what the gripper felt where
+    that does not see it. Raises CaseError."""
+    if not case.tracked:
         return felt_phases(case)
     return find_phases(pose_of(case, case.item.id), *gaps_of(case))
 

@@ -15,6 +15,7 @@ from rodeo.checks.signed.testimony import motion_capture_of
 from rodeo.checks.tables import increasing, table_of
 from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.series import Array, Table
+from rodeo.lab.config import gripper_body
 from rodeo.lab.headings import yaws_of
 from rodeo.site import topics
 from rodeo.witness.motion import STEP_US, track
@@ -111,6 +112,13 @@ def clock_ahead_s(case: Case) -> float:
     # The nearest to none, of those that fit equally well.
     found = min(np.arange(-30, 31) * (CLOCKS_S / 30), key=lambda ahead_s: (off_rad(ahead_s), abs(ahead_s)))
     return float(found) if off_rad(found) < 0.8 * off_rad(0.0) else 0.0
+
+
+def carried_of(case: Case) -> tuple[str, Pose]:
+    """Name and motion of what motion capture signs of the carry: the item, or the gripper where that has no
+    markers. Raises like `pose_of`."""
+    body = case.item.id if case.tracked else gripper_body(case.robot.name)
+    return body, pose_of(case, body)
 
 
 @once_per_case

@@ -33,6 +33,7 @@ from rodeo.checks.results import once_per_case
 from rodeo.checks.tables import increasing, joints_of
 from rodeo.evidence.series import Array
 from rodeo.lab.arm import GRASP_SITE, ArmModel
+from rodeo.lab.items import MeasuredItem
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import (
     TIMESTEP_S,
@@ -209,8 +210,10 @@ def replay_of(case: Case) -> Replay:
     arm = arm_model(case.robot.kinematics)
     fingers_m = joints.named("position", list(arm.fingers))
     phases = phases_of(case)
-    lay = _signed_pose if case.mocap else sighting
+    lay = _signed_pose if case.tracked else sighting
     item_m, item_quat = lay(case, phases.closing_s)
+    if isinstance(case.item, MeasuredItem):
+        item_m = np.array([*item_m[:2], case.item.size_m[2] / 2])
     known_s = kinematics_of(case).time_s
     start_s = max(phases.closing_s - BEFORE_CLOSING_S, known_s[0])
     end_s = min(phases.rest_s + SETTLE_S, known_s[-1])
@@ -242,7 +245,7 @@ def replay_of(case: Case) -> Replay:
         item_quat=item_quat,
     )
     world = World(case)
-    guesses = ensemble(len(arm.joints)) if case.mocap else SIGHTINGS
+    guesses = ensemble(len(arm.joints)) if case.tracked else SIGHTINGS
     exact = world.run(motion, guesses[0])
     if exact.picked:
         return exact
@@ -276,7 +279,7 @@ def vote_of(case: Case) -> Vote:
     found = replay_of(case)
     wanted = compartment_at(case, found.item_m[-1])
     joints = len(arm_model(case.robot.kinematics).joints)
-    members = ensemble(joints) if case.mocap else ensemble_around(found.perturbation, joints)
+    members = ensemble(joints) if case.tracked else ensemble_around(found.perturbation, joints)
     succeeded = failed = 0
     for perturbation in members:
         if max(succeeded, failed) > len(members) // 2:

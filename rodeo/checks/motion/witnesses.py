@@ -9,7 +9,7 @@ import numpy as np
 from rodeo.checks.case import MOTION_CAPTURE, NO_MOCAP, Case, CaseError
 from rodeo.checks.declared import reported_failure
 from rodeo.checks.motion.phases import phases_of
-from rodeo.checks.motion.poses import Pose, base_of, motion_of, moved_s, moving_s, pose_of
+from rodeo.checks.motion.poses import Pose, base_of, carried_of, motion_of, moved_s, moving_s, pose_of
 from rodeo.checks.motion.sources import doubtful, silent_s
 from rodeo.checks.report import Finding, at_most, skipped, standing, undecided
 from rodeo.checks.signed.daily_logs import logged
@@ -41,7 +41,7 @@ def witnessed(case: Case) -> Finding:
     if (failed := doubtful(case, "mocap", MOTION_CAPTURE)) is not None:
         return failed
     testimony = motion_capture_of(case)
-    carried = [case.item.id] if case.checks.item else []
+    carried = [case.item.id] if case.checks.item and case.tracked else []
     for body in (case.robot.name, gripper_body(case.robot.name), *carried):
         with suppress(CaseError):  # what it did not see is for other checks to say
             pose_of(case, body)
@@ -82,12 +82,15 @@ def order(case: Case, until_s: float = np.inf) -> Finding:
         return forked
     if not heads:
         raise CaseError("no statement of the motion capture lists this recording")
-    item = pose_of(case, case.item.id)
-    far = np.linalg.norm(item.position_m - item.position_m[0], axis=1) > MOVED_M
+    _, carried = carried_of(case)
+    if case.tracked:
+        far = np.linalg.norm(carried.position_m - carried.position_m[0], axis=1) > MOVED_M
+    else:
+        far = carried.time_s >= phases_of(case).closing_s
     if not far.any():
         raise CaseError("the item never moves")
-    assert item.statement is not None
-    moves = motion_of(case)[int(item.statement[far.argmax()])].statement.seq
+    assert carried.statement is not None
+    moves = motion_of(case)[int(carried.statement[far.argmax()])].statement.seq
     opened = min(seq for seq, _, _ in heads)
     if not opened < moves:
         return at_most(
@@ -168,9 +171,9 @@ def seen_throughout(case: Case) -> Finding:
     long, nor on a long way."""
     if not case.mocap:
         return skipped(NO_MOCAP)
-    phases, item, base = phases_of(case), pose_of(case, case.item.id), base_of(case)
+    phases, (body, item), base = phases_of(case), carried_of(case), base_of(case)
     total_m = silent_m = longest_s = 0.0
-    for name, pose in ((case.robot.name, base), (case.item.id, item)):
+    for name, pose in ((case.robot.name, base), (body, item)):
         for start_s, end_s in _unseen(pose, phases.closing_s, min(phases.rest_s, float(item.time_s[-1]))):
             off_s = sum(_within(silent_s(case), start_s, end_s))
             lasts_s = moving_s(case, start_s, end_s)
@@ -181,11 +184,11 @@ def seen_throughout(case: Case) -> Finding:
                 silent_m += _way_m(item, base, start_s, end_s)
             elif pose is item:
                 total_m += _way_m(item, base, start_s, end_s)
-    words = f"total unsigned motion of {case.item.id} relative to the base"
+    words = f"total unsigned motion of {body} relative to the base"
     if total_m > UNSEEN_M:
         return standing(at_most(total_m, UNSEEN_M, "m", _SOURCE, words))
     # Where the grasp was not seen, the item may have been on its way before.
-    longest_s = max([longest_s, *_within(silent_s(case), *_moves(item))])
+    longest_s = max([longest_s, *_within(silent_s(case), *_moves(case, item))])
     if longest_s > UNSEEN_S:
         return at_most(longest_s, UNSEEN_S, "s", _SOURCE, f"{_LOST} the item or its base")
     return at_most(total_m + silent_m, UNSEEN_M, "m", _SOURCE, words)
@@ -199,7 +202,7 @@ def work_from_s(case: Case) -> float:
     gives up is judged by all that was seen."""
     if reported_failure(case) is not None:
         return -np.inf
-    left_s, _ = _moves(pose_of(case, case.item.id))
+    left_s, _ = _moves(case, carried_of(case)[1])
     with suppress(CaseError):
         left_s = min(left_s, phases_of(case).closing_s)
     return left_s - LISTED_S * case.speed
@@ -210,8 +213,11 @@ def _within(spans_s: list[tuple[float, float]], from_s: float, until_s: float) -
     return [max(0.0, min(end_s, until_s) - max(start_s, from_s)) for start_s, end_s in spans_s]
 
 
-def _moves(item: Pose) -> tuple[float, float]:
-    """When the item was last seen at its first place, and when first at its last."""
+def _moves(case: Case, item: Pose) -> tuple[float, float]:
+    """When the item was last seen at its first place, and when first at its last; when the gripper felt that,
+    where nobody sees the item."""
+    if not case.tracked:
+        return phases_of(case).closing_s, phases_of(case).rest_s
     left = np.linalg.norm(item.position_m - item.position_m[0], axis=1) > MOVED_M
     comes = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > MOVED_M
     if not (left.any() and comes.any()):

@@ -9,7 +9,7 @@ from rodeo.evidence.proof import Proof
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.vision.classification import model_sha256
-from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal
+from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal, found
 from rodeo_kinds.waste_disposal.checks.acts import acts
 from rodeo_kinds.waste_disposal.checks.item import bin_of, item_of
 from rodeo_kinds.waste_disposal.checks.reach import may_have_come
@@ -38,6 +38,7 @@ CHECKS = Checks(
         (arm.joint_range, arm.joint_speed, arm.gripper_force, arm.arm_commanded, arm.gripper_commanded),
         (arm.stays_clear,),
         (gripper.gripper_agrees, gripper.item_in_gripper),
+        (found.described, found.taken_there, found.not_listed),
         (carrying.replayed,),
         (carry.item_place, carrying.grasp),
         (carrying.transport,),
@@ -52,14 +53,17 @@ CHECKS = Checks(
             disposal.nothing_left_out,
             disposal.stays_in_bin,
             disposal.weight,
+            found.released_there,
         ),
         (provenance.sealed,),
+        (found.proposal,),
     ),
     recognizes=_recognizes,
     acts=acts,
     params=CleaningParams,
     undoable=undoable,
     item=item_of,
+    marked=found.marked,
     bin=bin_of,
     may_have_come=may_have_come,
     work_from_s=witnesses.work_from_s,

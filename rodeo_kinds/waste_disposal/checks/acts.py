@@ -4,6 +4,7 @@ from rodeo.checks.case import Case
 from rodeo.checks.motion.phases import phases_of
 from rodeo.checks.signed.testimony import bin_testimony, motion_capture_of
 from rodeo.evidence.errors import EvidenceError
+from rodeo.lab.config import gripper_body
 from rodeo_kinds.waste_disposal.checks.disposal import claim_of, drop_of
 
 
@@ -26,7 +27,8 @@ def acts(case: Case) -> list[str]:
 
 
 def _carry(case: Case) -> list[str]:
-    phases, item = phases_of(case), case.item.id
+    phases = phases_of(case)
+    item = gripper_body(case.robot.name) if case.unmarked else case.item.id
     if case.mocap:
         from_us, to_us = round(phases.closing_s * 1e6), round(phases.rest_s * 1e6)
         return [f"mocap/{key}/{item}/{from_us}-{to_us}" for key in motion_capture_of(case).keys]

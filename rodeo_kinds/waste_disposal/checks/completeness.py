@@ -1,12 +1,13 @@
 """Does the recording of a cleaning hold what the other checks need, without holes?"""
 
-from rodeo.checks.case import NO_MOCAP, Case
+from rodeo.checks.case import NO_MARKERS, NO_MOCAP, Case
 from rodeo.checks.motion.completeness import least_covered, missed, rates
 from rodeo.checks.motion.phases import phases_of
 from rodeo.checks.motion.poses import pose_of
 from rodeo.checks.report import Finding, skipped
 from rodeo.lab.layout import BinLayout
 from rodeo.site.topics import ARM_STATE, GRIPPER_STATE, JOINT_STATES, ODOM, POSE, Topic
+from rodeo_kinds.waste_disposal.checks.found import note_of
 
 
 def _cleaning(case: Case) -> list[tuple[Topic, str]]:
@@ -22,7 +23,11 @@ def _cleaning(case: Case) -> list[tuple[Topic, str]]:
 
 def cleaning_topics(case: Case) -> Finding:
     """Odometry, joints and their controllers, at least as often as the key table says."""
-    case.item  # noqa: B018 - the first check that needs to know it
+    # The first check that needs to know it.
+    if case.unmarked:
+        note_of(case)
+    else:
+        case.item  # noqa: B018
     return rates(case, _cleaning(case))
 
 
@@ -30,6 +35,8 @@ def item_outside_bin(case: Case) -> Finding:
     """There was something to do: the item was not in the bin when the recording began."""
     if not case.mocap:
         return skipped(NO_MOCAP)
+    if not case.tracked:
+        return skipped(NO_MARKERS)
     found = BinLayout(case.bin).compartment_at(pose_of(case, case.item.id).position_m[0])
     return Finding(
         passed=found is None,

@@ -40,6 +40,10 @@ from rodeo_kinds.waste_disposal.checks import picture
 
 DROP_SLACK_S = 10.0
 """Between the release and the change of weight in the compartment: the fall, and what slips late."""
+FELL_SLACK_S = 2.0
+"""The same where nobody saw it fall."""
+FELT_SHARE = 0.3
+"""By which share the weight that a robot felt in its gripper may be off."""
 EARLY_SLACK_S = 1.0
 """Clocks of bin and robot, and pads that touch the item a little longer than they hold it."""
 AWAY_M = 0.15
@@ -79,7 +83,7 @@ def drop_of(case: Case) -> Drop | None:
         return drops[0] if drops else None  # whenever the item was let go of
     release_s = replay_of(case).release_s
     found = [drop for drop in drops if drop.settled_s >= release_s - EARLY_SLACK_S]
-    if case.mocap:
+    if case.tracked:
         # Junk may weigh as much as the item: rather where motion capture sees that since.
         found = [
             one for one in found if _left(case, one.compartment, one.settled_s + CLOCKS_S) == one.compartment
@@ -121,6 +125,8 @@ def _off_weight(case: Case, drop: Drop) -> tuple[float, float] | None:
     """By which share what fell is heavier than the item (less than 0: lighter), and by which it may be off;
     None where the site does not say what the item weighs."""
     item, tolerance = case.item, case.site.lab.mass_tolerance
+    if case.unmarked:
+        tolerance = FELT_SHARE
     if tolerance is None or "mass_kg" not in item.model_fields_set:
         return None
     return drop.weight_n / (item.mass_kg * 9.81) - 1, tolerance
@@ -231,11 +237,12 @@ def dropped(case: Case) -> Finding:
     release_s = replay_of(case).release_s
     delay_s, late_s = moving_s(case, release_s, drop.after_s), drop.settled_s - release_s
     early = not late_s >= -EARLY_SLACK_S
-    if early or not delay_s <= DROP_SLACK_S:
+    slack_s = FELL_SLACK_S if case.unmarked else DROP_SLACK_S
+    if early or not delay_s <= slack_s:
         return Finding(
             passed=False,
             measured=late_s if early else delay_s,
-            limit=-EARLY_SLACK_S if early else DROP_SLACK_S,
+            limit=-EARLY_SLACK_S if early else slack_s,
             unit="s",
             source="statement of the bin",
             detail="from the release in the replay to the stated drop",
@@ -431,7 +438,7 @@ def stays_in_bin(case: Case) -> Finding:
     taken = _taken_out(case, removed, drop)
     if taken is not None and taken.outcome == "rejected":
         return taken
-    if case.mocap and (left := _left(case, compartment, settled_s + CLOCKS_S)) != compartment:
+    if case.tracked and (left := _left(case, compartment, settled_s + CLOCKS_S)) != compartment:
         found = _elsewhere(case, left or "left it", compartment)
         # The bin says until when it fell; since when is the replay's word, which doubted poses move.
         strayed = drop is not None and _strayed(case, compartment, settled_s + CLOCKS_S) != compartment
@@ -444,7 +451,7 @@ def stays_in_bin(case: Case) -> Finding:
             source,
             "from the drop to the end of the recording",
         )
-    if not case.mocap:
+    if not case.tracked:
         return taken or Finding(passed=True, source=source, detail="nothing was taken out of the bin")
     found = _lies_in(case, compartment, settled_s)
     return taken if taken is not None and found.passed else found
@@ -453,7 +460,7 @@ def stays_in_bin(case: Case) -> Finding:
 def _taken_out(case: Case, removed: list[Removal], drop: Drop | None) -> Finding | None:
     """Whether it was the item that left the compartment after it had fallen in, by its weight and by where
     motion capture saw it after that. None if it was something else."""
-    item_s = pose_of(case, case.item.id).time_s[-1] if case.mocap else -np.inf
+    item_s = pose_of(case, case.item.id).time_s[-1] if case.tracked else -np.inf
     seen = [one for one in removed if item_s >= one.settled_s + CLOCKS_S]
     # What is heavier cannot be the item alone; nobody can tell what it was.
     heavier = [one for one in removed if drop and one.weight_n > drop.weight_n + WEIGHS_THE_SAME_N]
@@ -614,8 +621,9 @@ def weight(case: Case) -> Finding:
             detail="the site declares no mass and tolerance for this item; the bin measured",
         )
     weighs = f"the bin measured {drop.weight_n} N, the item weighs {case.item.mass_kg * 9.81:.3f} N"
-    if off[0] > off[1] and _lies_there(case, drop):
-        more = f"{weighs}, and motion capture saw it fall in: something else may have fallen in with it"
+    if off[0] > off[1] and (case.unmarked or _lies_there(case, drop)):
+        seen = "nobody" if case.unmarked else "motion capture"
+        more = f"{weighs}, and {seen} saw it fall in: something else may have fallen in with it"
         return undecided(more, "whoever dropped it", source="statement of the bin")
     found = at_most(
         abs(off[0]),
@@ -631,4 +639,4 @@ def weight(case: Case) -> Finding:
 
 def _lies_there(case: Case, drop: Drop) -> bool:
     """Whether motion capture saw the item fall into the compartment, and nowhere else after."""
-    return case.mocap and _end(case, drop.compartment, drop.settled_s + CLOCKS_S) == drop.compartment
+    return case.tracked and _end(case, drop.compartment, drop.settled_s + CLOCKS_S) == drop.compartment

@@ -9,12 +9,16 @@ from rodeo.checks.signed.testimony import testimony_of
 from rodeo.checks.tables import events_of
 from rodeo.lab.config import BinConfig, ItemConfig
 from rodeo.witness.statement import Classification, Drop
+from rodeo_kinds.waste_disposal.checks.found import measured
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 
 @once_per_case
 def item_of(case: Case) -> ItemConfig:
-    """The item that the task names; without a chain, the one that moved farthest. Raises CaseError."""
+    """The item that the task names, or what the robot measured at the place that it names; without a chain,
+    what the robot measured, or the item that moved farthest. Raises CaseError."""
+    if case.unmarked:
+        return measured(case)
     items = {item.id: item for item in case.site.items}
     if case.chain_record is not None:
         item_id = ordered(case, CleaningParams).item_id

@@ -71,6 +71,8 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     that gives the task back at no cost.
     """
     params = ordered(case, CleaningParams)
+    if case.unmarked:
+        return _looked(case, params)
     if params.item_id not in {one.id for one in case.site.items}:
         return None
     if params.bin not in {None, *(one.name for one in case.site.bins)}:
@@ -99,6 +101,18 @@ def _forked(case: Case) -> Finding | None:
             said.append(motion_of(case))
     forked = fork(case, *said)
     return None if forked is None else standing(forked)
+
+
+def _looked(case: Case, params: CleaningParams) -> Finding | None:
+    """What giving up is worth where nobody signs what lies at the place: the robot came to look."""
+    if (forked := _forked(case)) is not None:
+        return forked
+    if (failed := doubtful(case, "mocap", MOTION_CAPTURE)) is not None:
+        return failed
+    away_m = np.linalg.norm(base_of(case).position_m[:, :2] - (params.x_m, params.y_m), axis=1)
+    if away_m.min() > SEARCHED_M:
+        return None
+    return given_up("the robot came to the place, and nobody signed what lay there", source=case.base_source)
 
 
 # -- at the bin ------------------------------------------------------------------------------------------
@@ -204,7 +218,7 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
     if not np.linalg.norm(base.position_m[:, :2] - place_m, axis=1).min() <= SEARCHED_M:
         return None
     try:
-        item = pose_of(case, params.item_id)
+        item = pose_of(case, case.item.id)
     except CaseError:
         return None  # nothing shows that it did not take the item away
     taken_s = gripper.lifted_by_another_s(case, case.robot.name)
@@ -216,7 +230,7 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         if _moved(case, robot, item, other, lifted_s, ends=False)[0]:
             return _refuted(case, f"the item was moved while the executor's {robot.name} was within reach")
     assert case.chain_record is not None
-    task, rested_s = case.chain_record.task, _rested_s(case, params.item_id, item)
+    task, rested_s = case.chain_record.task, _rested_s(case, case.item.id, item)
     if task.assigned is None or rested_s - task.assigned > BEGINS_S + case.slack_s:
         return None
     left = np.linalg.norm(item.position_m[-1] - item.position_m[0]) > MOVED_M

@@ -7,6 +7,7 @@ from rodeo_kinds.waste_disposal.harness import giving_up as giving_up
 from rodeo_kinds.waste_disposal.harness import hearsay as hearsay
 from rodeo_kinds.waste_disposal.harness import judges as judges
 from rodeo_kinds.waste_disposal.harness import others as others
+from rodeo_kinds.waste_disposal.harness import places as places
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS
 
 __all__ = ["HARNESS"]
