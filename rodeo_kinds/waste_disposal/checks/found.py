@@ -44,7 +44,8 @@ SEEN_M = 0.05
 BESIDE_M = 0.1
 """A listed item that stays so near to the gripper's middle is carried by it."""
 _LOOK_S = 0.1
-_NAMED = "not applicable: the task names an item"
+NAMED = "not applicable: the task names an item"
+"""Detail of each of these checks where nothing is asked."""
 _SIGNED = "motion capture of the gripper"
 
 
@@ -61,7 +62,7 @@ def of_a_place(check: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
 
     @wraps(check)
     def asked(case: Case) -> Finding:
-        return check(case) if case.unmarked else skipped(_NAMED)
+        return check(case) if case.unmarked else skipped(NAMED)
 
     return asked
 
