@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from pydantic import ValidationError
 
-from rodeo.checks.case import Case, CaseError, ordered
+from rodeo.checks.case import THE_CREATOR, Case, CaseError, OthersFailed, ordered
 from rodeo.checks.motion.kinematics import inverse, turned
 from rodeo.checks.motion.phases import FALL_S, phases_of
 from rodeo.checks.motion.poses import pose_of, sighting
@@ -57,12 +57,23 @@ def marked(case: Case) -> bool:
     return all(event.get("event") != FOUND for event in case.proof.events())
 
 
+def require_witnesses(case: Case) -> None:
+    """Raises OthersFailed where nobody could prove the cleaning of a place."""
+    lab = case.site.lab
+    if not (lab.mocap and lab.mocap_gripper):
+        words = "the task has to name an item: no motion capture tracks the site's grippers"
+        raise OthersFailed(words, THE_CREATOR)
+
+
 def of_a_place(check: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
     """The check, skipped where the task names an item."""
 
     @wraps(check)
     def asked(case: Case) -> Finding:
-        return check(case) if case.unmarked else skipped(NAMED)
+        if case.unmarked:
+            note_of(case)  # what the creator or the robot did not say is the first reason
+            return check(case)
+        return Finding(passed=None, source="the task's parameters", detail=NAMED)
 
     return asked
 
@@ -73,6 +84,7 @@ def note_of(case: Case) -> tuple[Found, float]:
     OthersFailed."""
     if case.chain_record is not None:
         ordered(case, CleaningParams)
+        require_witnesses(case)
     column = case.proof.topics.get(EVENT_CHANNEL)
     times_ns = [] if column is None else column.log_ns
     notes = [

@@ -9,7 +9,7 @@ from rodeo.checks.signed.testimony import testimony_of
 from rodeo.checks.tables import events_of
 from rodeo.lab.config import BinConfig, ItemConfig
 from rodeo.witness.statement import Classification, Drop
-from rodeo_kinds.waste_disposal.checks.found import measured
+from rodeo_kinds.waste_disposal.checks.found import measured, require_witnesses
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 
@@ -22,6 +22,8 @@ def item_of(case: Case) -> ItemConfig:
     items = {item.id: item for item in case.site.items}
     if case.chain_record is not None:
         item_id = ordered(case, CleaningParams).item_id
+        if item_id is None:
+            require_witnesses(case)
         if item_id not in items:
             raise CaseError("the site has no such item", item_id=item_id)
         return items[item_id]

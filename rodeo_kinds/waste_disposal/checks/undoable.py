@@ -33,6 +33,7 @@ from rodeo_kinds.waste_disposal.checks.disposal import (
     heard_all,
     lost_in_a_row,
 )
+from rodeo_kinds.waste_disposal.checks.found import require_witnesses
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from rodeo_kinds.waste_disposal.place import PLACE_LIMIT_M
 
@@ -71,6 +72,8 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     that gives the task back at no cost.
     """
     params = ordered(case, CleaningParams)
+    if params.item_id is None:
+        require_witnesses(case)
     if case.unmarked:
         return _looked(case, params)
     if params.item_id not in {one.id for one in case.site.items}:
