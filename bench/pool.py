@@ -44,6 +44,7 @@ from tests.support.pool import Deed, served, started
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 PROOFS = 200
 UNITS = 10_000
+UNIT_BYTES = 1 << 20
 APART_S = 120
 MISBEHAVING = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"}
 
@@ -207,7 +208,7 @@ def units(folder: Path, count: int, counted: Counted) -> dict[str, float]:
     with (
         started("tests.support.pool", folder / "tls", SITE, **MISBEHAVING) as address,
         Runner(
-            Local([Deed()]), Dask(address, folder / "tls", {Deed.name: Deed()}, 0), folder=folder
+            Local([Deed()]), Dask(address, folder / "tls", {Deed.name: Deed()}, UNIT_BYTES), folder=folder
         ) as runner,
     ):
         sizes, started_s = [], time.perf_counter()
