@@ -25,9 +25,10 @@ class Cells:
     def __init__(self, port: int, values: Callable[[], list[float]]) -> None:
         self._port, self._values = port, values
         self.frozen = False
+        """Whether the weights are those of before."""
         self.share = 1.0
         """How much of the weights it shows."""
-        self._last: list[float] = []
+        self._shown_n: list[float] = []
         bits = [SimData(0, count=16, values=False, datatype=DataType.BITS)]
         words = [SimData(0, count=_REGISTERS, datatype=DataType.REGISTERS)]
         device = SimDevice(UNIT, simdata=(list(bits), list(bits), list(words), words), action=self._answer)
@@ -40,9 +41,9 @@ class Cells:
     async def _answer(
         self, _function: int, start: int, address: int, count: int, registers: list[int], _values: Any
     ) -> None:
-        if not self.frozen or not self._last:
-            range_m, *weights_n = self._values()
-            self._last = [range_m, *(self.share * one for one in weights_n)]
-        said = b"".join(struct.pack(">f", value) for value in self._last)
+        range_m, *weights_n = self._values()
+        if not self.frozen or not self._shown_n:
+            self._shown_n = [self.share * one for one in weights_n]
+        said = b"".join(struct.pack(">f", value) for value in (range_m, *self._shown_n))
         words = struct.unpack(f">{len(said) // 2}H", said)
         registers[: len(words)] = words
