@@ -132,7 +132,11 @@ def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
     }
 
 
-ENDS = ("TaskSettled", "TaskRequeued", "TaskFailed")
+def _ends(event: DaoEvent) -> bool:
+    """Whether its task is over: a ruling that pays nobody stands for as long as it may be challenged."""
+    if event.name == "Ruled":
+        return bool(event.args["ruling"] != "accepted")
+    return event.name in ("TaskSettled", "TaskRequeued", "TaskFailed")
 
 
 def _port(endpoint: str) -> int:
@@ -330,7 +334,7 @@ class RealLab:
         """The event with which the task ended; None if none comes in time."""
 
         def found() -> DaoEvent | None:
-            return next((one for one in self.events if one.task_id == task_id and one.name in ENDS), None)
+            return next((one for one in self.events if one.task_id == task_id and _ends(one)), None)
 
         with self._changed:
             self._changed.wait_for(found, limit_s)
