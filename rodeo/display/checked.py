@@ -16,13 +16,14 @@ OTHER = "Other"
 GROUPS: dict[str, str] = {
     "Who and when": "task_binding nonce signer executors_own_seal recorded_in_assignment executor_on_site "
     "not_given_up same_names both_signed witnessed order in_daily_log acts_unspent stated judged_by_people "
-    "payment_computed",
+    "payment_computed proposal",
     "Motion": "base_speed base_acceleration turning_speed odometry stays_in_room joint_range joint_speed "
     "arm_commanded stays_clear seen_throughout",
     "Grasp and carry": "item_outside_bin carried gripper_force gripper_commanded gripper_agrees "
-    "item_in_gripper replayed item_place grasp transport motion_capture compartment ensemble",
+    "item_in_gripper replayed item_place grasp transport motion_capture compartment ensemble described "
+    "taken_there not_listed",
     "Bin": "bin_witnessed classified dropped presented heard pictured asked_rightly nothing_left_out "
-    "stays_in_bin weight",
+    "stays_in_bin weight released_there",
     "Charge": "in_sequence dated ocmf fresh power soc_from tariff delivered gauge",
     "File": "fetched readable_and_sealed kind_recognized verification_ended within_counts "
     "sealed_while_recording in_order tallied cleaning_topics cleaning_gaps cleaning_missed sealed",

@@ -21,12 +21,12 @@ _UNDER_WAY = ("open", "assigned", "submitted", "ruled")
 
 
 class CleaningParams(BaseModel):
-    """Parameters of a task: the item, its place (m in frame `map`), and the bin. Without an item it is about
-    what lies at the place."""
+    """Parameters of a task: the item, its place (m in frame `map`), and the bin."""
 
     model_config = ConfigDict(extra="allow")
 
-    item_id: Annotated[Name | None, shown("Item", "item")] = None
+    item_id: Annotated[str, Field(max_length=64), shown("Item", "item")] = ""
+    """Empty where it is about what lies at the place."""
     x_m: Annotated[Coordinate, shown("East, x (m)", "map-x")]
     y_m: Annotated[Coordinate, shown("North, y (m)", "map-y")]
     bin: Annotated[Name | None, shown("Bin", "bin")] = None
@@ -36,7 +36,7 @@ class CleaningParams(BaseModel):
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
     """Why the item of a new task is probably not at the task's place; empty if nothing suggests that."""
     item_id = params.get("item_id")
-    if item_id is None:
+    if not item_id:
         return ""
     for task in tasks:
         if task.params.get("item_id") != item_id:
@@ -61,7 +61,7 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
     """Field -> what to do about it."""
     wrong = {}
     known = [item.id for item in site.items]
-    if params.get("item_id") not in ([*known, None] if _takes_anything(site) else known):
+    if params.get("item_id", "") not in ([*known, ""] if _takes_anything(site) else known):
         wrong["item_id"] = choose("item", known)
     x_m, y_m = params.get("x_m"), params.get("y_m")
     if not (is_number(x_m) and is_number(y_m)):

@@ -53,7 +53,7 @@ def marked(case: Case) -> bool:
     """Whether the task names an item of the site, which has markers; without a chain, whether the robot did
     not note what it found."""
     if case.chain_record is not None:
-        return case.chain_record.task.params.get("item_id") is not None
+        return bool(case.chain_record.task.params.get("item_id"))
     return all(event.get("event") != FOUND for event in case.proof.events())
 
 

@@ -22,7 +22,7 @@ def item_of(case: Case) -> ItemConfig:
     items = {item.id: item for item in case.site.items}
     if case.chain_record is not None:
         item_id = ordered(case, CleaningParams).item_id
-        if item_id is None:
+        if not item_id:
             require_witnesses(case)
         if item_id not in items:
             raise CaseError("the site has no such item", item_id=item_id)

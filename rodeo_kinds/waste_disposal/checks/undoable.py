@@ -72,7 +72,7 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     that gives the task back at no cost.
     """
     params = ordered(case, CleaningParams)
-    if params.item_id is None:
+    if not params.item_id:
         require_witnesses(case)
     if case.unmarked:
         return _looked(case, params)

@@ -80,10 +80,9 @@ def an_item_that_is_not_there(shop: CleaningWorkshop) -> Submission:
     return _place(shop, item_id="item99")
 
 
-@HARNESS.forgery("cleaning_topics", "does not describe", role="creator")
+@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
 def no_item_at_all(shop: CleaningWorkshop) -> Submission:
-    """A task without an item, so that any item would do. It is about what lies at the place, and the robot
-    does not say what that was."""
+    """A task whose item is no text, so that any item would do."""
     return _place(shop, item_id=None)
 
 

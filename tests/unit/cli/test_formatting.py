@@ -70,7 +70,7 @@ def form_of(model: type[Command]) -> Callable[..., Any]:
 @pytest.mark.parametrize(
     ("model", "data", "command", "says"),
     [
-        (CleaningParams, {}, tasks.create, ["pass --item-id ITEM_ID"]),
+        (CleaningParams, {}, tasks.create, ["pass --x-m X_M"]),
         (ChargingParams, {"robot": "r", "dock": "d"}, tasks.create, ["pass --soc-from SOC_FROM"]),
         (
             RegisterTask,

@@ -48,13 +48,17 @@ SIGNS_ITSELF = {"prepare", "broadcast", "sign"}
 """What `Participant` sends where its `account` signs; no process of the table has one."""
 
 
+NOUNS = ("count", "widgets.pager")
+"""Functions whose text is no command."""
+
+
 def literals(tree: ast.AST) -> set[str]:
     """Names of commands that `tree` makes, passes to any function, or assigns to a variable."""
     decorators = {id(one) for node in ast.walk(tree) for one in getattr(node, "decorator_list", ())}
     values: list[ast.expr] = []
     for node in ast.walk(tree):
-        # `count` writes numbers and nouns, transfers among them.
-        if isinstance(node, ast.Call) and id(node) not in decorators and ast.unparse(node.func) != "count":
+        # They write numbers and nouns, transfers among them.
+        if isinstance(node, ast.Call) and id(node) not in decorators and ast.unparse(node.func) not in NOUNS:
             values += [*node.args, *(one.value for one in node.keywords)]
         elif isinstance(node, ast.Assign):
             values.append(node.value)

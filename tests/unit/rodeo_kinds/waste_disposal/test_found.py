@@ -32,7 +32,7 @@ def case(params: dict[str, Any] | None, *events: dict[str, Any], mocap: bool = T
     ("asked", "unmarked"),
     [
         (case(HERE), True),
-        (case(HERE | {"item_id": None}), True),
+        (case(HERE | {"item_id": ""}), True),
         (case(HERE | {"item_id": "item1"}), False),
         (case(None, {"event": "found"}), True),
         (case(None, {"event": "releasing"}), False),
