@@ -127,4 +127,6 @@ def reason(command: str) -> str | None:
     """Why this command is not run; None where it is."""
     if command in NOT_RUN:
         return NOT_RUN[command]
+    if " --pool " in command:
+        return _POOL
     return next((why for start, why in BEGINNINGS.items() if command.startswith(start)), None)
