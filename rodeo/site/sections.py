@@ -625,7 +625,8 @@ class KindConfig(_Table):
     kind's rules."""
     oracle_below_iec: Decimal = Field(default=Decimal(0), ge=0)
     """Below this price the oracle also accepts work of which a part is the executor's word alone, such as the
-    cleaning of a place. At this price and above auditors decide about it."""
+    cleaning of a place. At this price and above auditors decide about it. It is no part of the kind's rules:
+    all oracles of an organization have the same, as of the lab."""
 
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:

@@ -31,6 +31,7 @@ from rodeo.lab.items import MeasuredItem
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import PAD_THICKNESS_M, arm_model, robot_model
 from rodeo.site.topics import EVENT_CHANNEL
+from rodeo_kinds.waste_disposal.checks.disposal import drop_of
 from rodeo_kinds.waste_disposal.found import FOUND, LARGEST_M, SMALLEST_M, Found
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from rodeo_kinds.waste_disposal.place import JUDGED_LIMIT_M
@@ -203,8 +204,6 @@ def not_listed(case: Case) -> Finding:
 @of_a_place
 def released_there(case: Case) -> Finding:
     """Motion capture saw the fingers above the compartment in which the bin felt something fall."""
-    from rodeo_kinds.waste_disposal.checks.disposal import drop_of
-
     drop = drop_of(case)
     if drop is None:
         return skipped("the bin felt nothing fall")
