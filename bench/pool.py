@@ -21,7 +21,7 @@ import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
@@ -50,41 +50,40 @@ MISBEHAVING = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"}
 
 
 def run() -> dict[str, float]:
+    figures = dict[str, float]()
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        site = Site.load(SITE).model_copy(update={"data_dir": folder / "data"})
-        submitted = proofs(site, int(os.environ.get("POOL_PROOFS", PROOFS)))
-        loops = {count: loop_per_s(site, submitted, count) for count in (1, 2)}
-        local = {
-            places: local_per_s(site, submitted, folder / f"local-{places}", places) for places in (1, 2)
-        }
-        counted = Counted()
-        dask = {
-            workers: dask_per_s(site, submitted, folder / f"dask-{workers}", workers, counted)
-            for workers in (1, 2)
-        }
-        files = [Store(site).file(record.task.proof_uri or "") for record in submitted]
-        sent = [file.stat().st_size for file in files if file]
-        came = [path.stat().st_size for path in (folder / "dask-2").glob("*.json")]
-        small = units(folder / "units", int(os.environ.get("POOL_UNITS", UNITS)), counted)
-    return {
-        "pool_proofs": len(submitted),
-        "loop_per_s": loops[1],
-        "loop_2_per_s": loops[2],
-        "loop_speedup_2": loops[2] / loops[1],
-        "local_per_s": local[1],
-        "local_2_per_s": local[2],
-        "audit_speedup_2": local[2] / loops[1],
-        "local_overhead_ms": 1000 * (1 / local[1] - 1 / loops[1]),
-        "dask_per_s": dask[1],
-        "dask_2_per_s": dask[2],
-        "pool_speedup_2": dask[2] / loops[1],
-        "pool_overhead_ms": 1000 * (1 / dask[1] - 1 / loops[1]),
-        "pool_lost": counted.lost,
-        "pool_doubled": counted.doubled,
-        "proof_kb": sum(sent) / len(sent) / 1000,
-        "answer_kb": sum(came) / len(came) / 1000,
-    } | small
+        for found in _measured(Path(name)):
+            figures |= found
+            # A whole run takes half an hour: one that is ended early has told what it knew.
+            print("  " + ", ".join(f"{key} {value:.4g}" for key, value in found.items()), flush=True)
+    return figures
+
+
+def _measured(folder: Path) -> Iterator[dict[str, float]]:
+    """All figures, as soon as each is known."""
+    site = Site.load(SITE).model_copy(update={"data_dir": folder / "data"})
+    submitted = proofs(site, int(os.environ.get("POOL_PROOFS", PROOFS)))
+    yield {"pool_proofs": len(submitted)}
+    loops: list[float] = []
+    for processes, name in ((1, "loop_per_s"), (2, "loop_2_per_s")):
+        loops.append(loop_per_s(site, submitted, processes))
+        yield {name: loops[-1]}
+    yield {"loop_speedup_2": loops[1] / loops[0]}
+    counted = Counted()
+    engines: tuple[tuple[str, str, str, Callable[[Path, int], float]], ...] = (
+        ("local", "audit_speedup_2", "local_overhead_ms", partial(local_per_s, site, submitted)),
+        ("dask", "pool_speedup_2", "pool_overhead_ms", partial(dask_per_s, site, submitted, counted)),
+    )
+    for engine, speedup, overhead, per_s in engines:
+        one = per_s(folder / f"{engine}-1", 1)
+        yield {f"{engine}_per_s": one, overhead: 1000 * (1 / one - 1 / loops[0])}
+        two = per_s(folder / f"{engine}-2", 2)
+        yield {f"{engine}_2_per_s": two, speedup: two / loops[0]}
+    sent = [file.stat().st_size for one in submitted if (file := Store(site).file(one.task.proof_uri or ""))]
+    came = [path.stat().st_size for path in (folder / "dask-2").glob("*.json")]
+    yield {"proof_kb": sum(sent) / len(sent) / 1000, "answer_kb": sum(came) / len(came) / 1000}
+    yield units(folder / "units", int(os.environ.get("POOL_UNITS", UNITS)), counted)
+    yield {"pool_lost": counted.lost, "pool_doubled": counted.doubled}
 
 
 class Counted:
@@ -167,7 +166,7 @@ def local_per_s(site: Site, submitted: Sequence[ChainRecord], folder: Path, plac
 
 
 def dask_per_s(
-    site: Site, submitted: Sequence[ChainRecord], folder: Path, workers: int, counted: Counted
+    site: Site, submitted: Sequence[ChainRecord], counted: Counted, folder: Path, workers: int
 ) -> float:
     """Proofs per second of a pool on this machine."""
     verify = Verify(site, folder / "verifying")

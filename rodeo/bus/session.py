@@ -199,6 +199,16 @@ class Bus:
         """Whether there is a router now. Without one, messages that are put are lost."""
         return bool(self.session.info.routers_zid())
 
+    def on_router(self, callback: Callable[[], object]) -> zenoh.TransportEventsListener[None]:
+        """Call `callback` in one of Zenoh's threads whenever there is a router again: messages of the time
+        without are lost."""
+
+        def heard(event: zenoh.TransportEvent) -> None:
+            if event.kind == zenoh.SampleKind.PUT:
+                callback()
+
+        return self.session.info.declare_transport_events_listener(direct(heard))
+
     # -- publish and subscribe -------------------------------------------------------------------------
 
     def put_json(self, key: str, value: BaseModel | dict[str, Any]) -> None:
@@ -417,8 +427,9 @@ class DaoEvents:
     """
 
     _PAGE = 500
-    _CATCH_UP_S = 1.0
-    """Wall time after which the index is asked even without a live event: the last one may be lost."""
+    _CATCH_UP_S, _RETRY_S = 10.0, 1.0
+    """Wall time after which the index is asked even without a live event, or because it did not answer: the
+    last event may be lost, for instance between two routers."""
 
     def __init__(
         self,
@@ -441,6 +452,7 @@ class DaoEvents:
         self._clock = clock
         self._handing_over: AbstractContextManager[None] | None = None
         self._subscriber = bus.subscribe_json(topics.EVENT.pattern(org=org), self._on_live, inline=True)
+        self._routers = bus.on_router(self._wake.set)
         self._thread = threading.Thread(target=self._run, name="dao-events", daemon=True)
         self._thread.start()
 
@@ -470,15 +482,15 @@ class DaoEvents:
         self._wake.set()
 
     def _run(self) -> None:
-        self._catch_up()
+        answered = self._catch_up()
         while not self._stop.is_set():
             self._handed_over()
-            self._wake.wait(self._CATCH_UP_S)
+            self._wake.wait(self._CATCH_UP_S if answered else self._RETRY_S)
             self._wake.clear()
             with self._lock:
                 following = self._live.pop(self._seq + 1, None)
             if following is None:
-                self._catch_up()
+                answered = self._catch_up()
             while following is not None:
                 self._deliver(following)
                 with self._lock:
@@ -492,7 +504,8 @@ class DaoEvents:
                 self._handing_over.__exit__(None, None, None)
                 self._handing_over = None
 
-    def _catch_up(self) -> None:
+    def _catch_up(self) -> bool:
+        """Deliver what the index has; whether it answered."""
         while not self._stop.is_set():
             try:
                 answer = queries.ask(
@@ -500,11 +513,11 @@ class DaoEvents:
                 )
             except MalformedAnswer as error:
                 log.warning("the index answered without events: %s", error)
-                return
+                return False
             except (NoResponder, QueryTimeout, RemoteError) as error:
                 # The bridge is away; the next round asks again, and status shows it.
                 log.debug("the index does not answer: %s", error)
-                return
+                return False
             with self._lock:
                 if self._follow_chain(answer.chain):
                     continue
@@ -514,9 +527,10 @@ class DaoEvents:
                     self._live.clear()
                     continue
             if not answer.events:
-                return
+                return True
             for event in answer.events:
                 self._deliver(event)
+        return False
 
     def _follow_chain(self, chain: str) -> bool:
         """Count from 1 again where a local chain was made anew; whether it was."""
@@ -543,6 +557,7 @@ class DaoEvents:
     def close(self) -> None:
         self._stop.set()
         self._wake.set()
+        self._routers.undeclare()
         self._subscriber.undeclare()
         self._thread.join(timeout=2.0)
         self._handed_over()

@@ -284,10 +284,31 @@ def configuration(app: ASGIApp, limits: Limits, **more: Any) -> uvicorn.Config:
         log_level="warning",
         access_log=False,
         server_header=False,
+        date_header=False,  # written once a second, whether somebody asks or not
         timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_STOP_S,
         **more,
     )
+
+
+class Server(uvicorn.Server):
+    """Sleeps while nobody asks. Uvicorn's own looks ten times a second whether it has to end."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._ended = asyncio.Event()
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    async def main_loop(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        if not await self.on_tick(0):
+            await self._ended.wait()
+
+    def end(self) -> None:
+        """From any thread."""
+        self.should_exit = True
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._ended.set)
 
 
 class HttpServer:
@@ -300,7 +321,7 @@ class HttpServer:
         limits = limits or Limits()
         self._socket = listen(host, port, purpose)
         bounded = LimitBody(app, limits.body_bytes)
-        self._server = uvicorn.Server(configuration(bounded, limits, lifespan="off"))
+        self._server = Server(configuration(bounded, limits, lifespan="off"))
         # Outside the main thread uvicorn leaves signals alone: they belong to the process.
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [self._socket]}, name="http", daemon=True
@@ -324,6 +345,6 @@ class HttpServer:
 
     def close(self) -> None:
         """Let running requests end, for two seconds."""
-        self._server.should_exit = True
+        self._server.end()
         self._thread.join(timeout=_STOP_S + 3.0)
         self._socket.close()

@@ -3,9 +3,7 @@ which its service manager hears, too."""
 
 from __future__ import annotations
 
-import math
 import threading
-import time
 from collections.abc import Callable
 
 from rodeo.bus.messages import Status
@@ -15,9 +13,6 @@ from rodeo.runtime.metrics_server import metrics_server
 from rodeo.runtime.notify import ServiceManager
 from rodeo.site import topics
 from rodeo.site.config import Site
-
-STATUS_WALL_S = 0.1
-"""Wall time between two statuses of a process that does the same as before."""
 
 
 class Presence:
@@ -40,7 +35,6 @@ class Presence:
         self._bus, self._status, self._look, self._hangs = bus, status, look, hangs
         self._manager = ServiceManager()
         self._metrics = metrics_server(site.metrics.host, site.metrics.ports.get(name, 0), status)
-        self._published_s = -math.inf
         self._heartbeat = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
 
     def start(self) -> None:
@@ -54,15 +48,13 @@ class Presence:
         """The metrics over HTTP."""
         return self._metrics.url
 
-    @property
-    def is_due(self) -> bool:
-        """Whether a status that is no news may be published again."""
-        return time.monotonic() - self._published_s >= STATUS_WALL_S
-
-    def publish(self) -> None:
+    def publish(self) -> Status:
         """Publish the status now: whoever waits for it need not wait for the next heartbeat."""
-        self._published_s = time.monotonic()
-        self._tell()
+        status = self._status()
+        self._bus.put_json(self._key, status)
+        if status.ready:
+            self._manager.ready()
+        return status
 
     def close(self) -> None:
         """After `stop` is set."""
@@ -77,11 +69,4 @@ class Presence:
     def _beat(self) -> None:
         while not self._stop.wait(HEARTBEAT_S):
             self._look()
-            self._manager.alive(self._tell().reason, self._hangs())
-
-    def _tell(self) -> Status:
-        status = self._status()
-        self._bus.put_json(self._key, status)
-        if status.ready:
-            self._manager.ready()
-        return status
+            self._manager.alive(self.publish().reason, self._hangs())

@@ -224,10 +224,10 @@ class Process:
     def activity(self, text: str, progress: float | None = None, **details: Any) -> None:
         """Say what the process is doing, for the terminal and the console.
 
-        What is new is published at once, other details now and then (`Presence.is_due`): at a thousand times
+        A new text is published at once, progress and details with the next heartbeat: at a thousand times
         real time a dock reads its meter, and says so, a thousand times a second.
         """
-        if self._state.activity(text, progress, details) or self._presence.is_due:
+        if self._state.activity(text, progress, details):
             self._presence.publish()
 
     def status(self) -> Status:

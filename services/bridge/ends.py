@@ -26,8 +26,9 @@ from services.bridge.wallet import Wallet
 
 log = logging.getLogger(__name__)
 
-_EXPIRY_PERIOD_S = 0.5
-_EXPIRY_RETRY_S = 5.0
+_EXPIRY_PERIOD_S, _EXPIRY_RETRY_S = 0.5, 5.0
+"""Wall time between two looks while the bridge is not ready, and while nothing changes. The latter is also the
+time before the same is tried again."""
 _HAND_BACK_PERIOD_S = 1.0
 
 
@@ -75,16 +76,17 @@ class Ends:
         self._changed.loop(self._stop, self._look)
 
     def _look(self) -> Rest:
-        end_s = None
+        end_s, wall_s = None, _EXPIRY_PERIOD_S
         try:
             if (attachment := self._attached()) is not None:
                 end_s = self.expire_overdue(attachment)
+                wall_s = _EXPIRY_RETRY_S  # each block is a change
         except ClockUnavailable:
             log.debug("the site's time is not known yet")
         except Exception:
             # Windows must end whatever happened to this look: the index may just be closed.
             log.exception("cannot look up the windows' ends; trying again")
-        return Rest(end_s, _EXPIRY_PERIOD_S)
+        return Rest(end_s, wall_s)
 
     def expire_overdue(self, attachment: Attachment) -> float | None:
         """Returns when what passed is dealt with, or after a while; the next window's end in site time (s),

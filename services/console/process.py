@@ -13,7 +13,6 @@ from typing import Any
 
 import jinja2
 import nicegui.client
-import uvicorn
 from fastapi import FastAPI
 from nicegui import Client, ui
 from nicegui import app as nicegui_app
@@ -24,7 +23,7 @@ from starlette.types import ASGIApp
 
 from rodeo.access.accounts import Accounts, accounts_path
 from rodeo.errors import RodeoError
-from rodeo.host.http import Limits, configuration, health, listen
+from rodeo.host.http import Limits, Server, configuration, health, listen
 from rodeo.kinds import kinds_of
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
@@ -144,7 +143,7 @@ async def serve(process: Process) -> None:
         yield
 
     application = build(console, origins_of(config, port), lifespan)
-    server = uvicorn.Server(
+    server = Server(
         configuration(
             application,
             LIMITS,
@@ -157,7 +156,7 @@ async def serve(process: Process) -> None:
     running = asyncio.create_task(server.serve(sockets=[listener]))
     stopped = asyncio.create_task(asyncio.to_thread(process.stop.wait))
     await asyncio.wait({following, running, stopped}, return_when=asyncio.FIRST_COMPLETED)
-    server.should_exit = True
+    server.end()
     process.stop.set()
     await running
     following.cancel()

@@ -32,6 +32,9 @@ _TOLD_STALL_S = 1.0
 _EARLY_S = 0.001
 """Waits shorter than this cost more than they are worth."""
 _STOP_CHECK_S = 0.1
+SLOW_TICKS = 5
+"""Everything that somebody acts on is published in such periods, or when it was asked for. While nothing
+moves, the periods up to there are simulated together, so that nobody is woken in between."""
 JUMP_NS = 600 * 1_000_000_000
 """Longest jump over idle time: the battery is published that often."""
 
@@ -189,7 +192,7 @@ class Loop:
             skipping = (parked and strides) or resting
             # A person who has time to look is shown everything.
             power_only = parked and resting and idle_speed == 0
-            if self._wait_turn(idle_speed if skipping else speed) or self._held():
+            if self._wait_turn(idle_speed if skipping else speed, skipping) or self._held():
                 continue
             if emptiness != self._emptiness:
                 # Something was asked for meanwhile, or a holder of the clock rests now.
@@ -204,19 +207,21 @@ class Loop:
                 show = partial(publisher.publish_power, self._due or not self.simulation.parked)
             else:
                 show = partial(publisher.publish, skipping)
-            self.publish_queue.publish(show, self._ahead)
+            self.publish_queue.publish(show, self.wait_s > _EARLY_S)
         self.simulation.halt()
         self._turns.end_waits(NEVER_NS)
         self._closed.set()
         self.publish_queue.flush()
 
-    def _wait_turn(self, speed: float) -> bool:
+    def _wait_turn(self, speed: float, skipping: bool) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""
         if stalled_s := self._pace.set(speed, self.simulation.time_ns):
             self._skip(stalled_s)
-        wait_s = self._pace.early_s(self.simulation.time_ns)
+        wait_s = self.wait_s
+        if wait_s > _EARLY_S and not skipping and self.simulation.still:
+            wait_s = self._pace.early_s(self._last_together_ns)
         try:
-            function, done = self._jobs.get(wait_s > _EARLY_S, timeout=min(max(wait_s, 0.0), _STOP_CHECK_S))
+            function, done = self._jobs.get(wait_s > _EARLY_S, timeout=min(wait_s, _STOP_CHECK_S))
         except queue.Empty:
             return wait_s > _STOP_CHECK_S
         self._do(function, done)
@@ -244,9 +249,20 @@ class Loop:
         if speed:
             # No more than a period's wall time at once: a person's last minutes must not pass in one jump.
             most_ns = min(most_ns, max(1, int(speed)) * PERIOD_NS)
-        left_ns = self._next_ns - self.simulation.time_ns
+        return min(most_ns, self._free_periods * PERIOD_NS)
+
+    @property
+    def _last_together_ns(self) -> int:
+        """When the last of the periods begins that are simulated together while nothing moves."""
+        now_ns = self.simulation.time_ns
+        most = SLOW_TICKS - now_ns // PERIOD_NS % SLOW_TICKS
+        return now_ns + (min(most, self._free_periods) - 1) * PERIOD_NS
+
+    @property
+    def _free_periods(self) -> int:
+        """Periods that end before or when somebody has something to do, at least one."""
         # In whole numbers: a time from the bus may be too large for a float.
-        return min(most_ns, max(1, -(-left_ns // PERIOD_NS)) * PERIOD_NS)
+        return max(1, -(-(self._next_ns - self.simulation.time_ns) // PERIOD_NS))
 
     @property
     def _next_ns(self) -> int:
@@ -284,9 +300,9 @@ class Loop:
         self.publish_queue.then(work)
 
     @property
-    def _ahead(self) -> bool:
-        """Whether the next period has to wait."""
-        return self._pace.early_s(self.simulation.time_ns) > _EARLY_S
+    def wait_s(self) -> float:
+        """Wall time until the next period is due."""
+        return max(0.0, self._pace.early_s(self.simulation.time_ns))
 
     def _skip(self, behind_s: float) -> None:
         """The machine stalled: continue at the wall's time."""

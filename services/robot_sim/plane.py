@@ -26,14 +26,12 @@ from services.robot_sim.camera import WristCamera, open_camera
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.frames import RobotFrames, odom_in_map, reckoned_poses
-from services.robot_sim.loop import Loop
+from services.robot_sim.loop import SLOW_TICKS, Loop
 from services.robot_sim.periods import Periods
 from services.robot_sim.simulation import SimRobot
 
 log = logging.getLogger(__name__)
 
-SLOW_TICKS = 5
-"""Everything that somebody acts on is published in such periods, or when it was asked for."""
 _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
@@ -205,10 +203,11 @@ class LabPlane:
             dock.publish()
 
     def publish_clock(self, at_once: bool = False) -> None:
-        """At most every _CLOCK_WALL_PERIOD_S, as whoever reads the clock needs no more. But no message is
-        stamped more than _CLOCK_PERIOD_NS after the time published last: recorders would leave it out."""
+        """At most every _CLOCK_WALL_PERIOD_S, as whoever reads the clock needs no more, and before a wait as
+        long. But no message is stamped more than _CLOCK_PERIOD_NS after the time published last: recorders
+        would leave it out."""
         now_s, now_ns = time.monotonic(), self._simulation.time_ns
-        due = now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S
+        due = max(now_s - self._clock_sent_s, self._loop.wait_s) >= _CLOCK_WALL_PERIOD_S
         if at_once or due or now_ns - self._clock_sent_ns > _CLOCK_PERIOD_NS:
             self._clock_sent_s, self._clock_sent_ns = now_s, now_ns
             self._loop.publish_queue.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)

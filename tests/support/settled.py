@@ -73,7 +73,7 @@ class Settled:
         self, *, rules: str | None = None, tasks: int = 1, receipts: bool = True, named: str | None = None
     ) -> list[int]:
         """Numbers of `tasks` tasks that are all paid for one charge. Without `receipts` the robot signed none
-        of it. Executors submit `named` as their proofs' URI, if given."""
+        of it. Executors submit `named` as their proofs' URI, if given; "{file}" in it is the file's name."""
         self.turns += 1
         film = film_charging(
             self.organization.site,
@@ -88,7 +88,8 @@ class Settled:
         proofs = [self._seal(take, one) for one in assigned]
         self.clock.now_s = int(take.end_s) + 4
         for one, (sha256, uri) in zip(assigned, proofs, strict=True):
-            self._submit_and_accept(one, sha256, named or uri, rules or self.rules)
+            uri = (named or uri).replace("{file}", uri.rpartition("/")[2])
+            self._submit_and_accept(one, sha256, uri, rules or self.rules)
         return [one.task_id for one in assigned]
 
     def _post(self, rules: str) -> events.TaskAssigned:
@@ -157,9 +158,9 @@ class Settled:
 
 
 @contextmanager
-def settling(folder: Path) -> Iterator[Settled]:
-    """An organization that has settled nothing yet."""
+def settling(folder: Path, **changed: object) -> Iterator[Settled]:
+    """An organization that has settled nothing yet; `changed` are settings of its site."""
     clock = Clock()
     wall = Site.load(LAB).clock.model_copy(update={"source": "wall"})
-    with founded(folder, clock, clock=wall) as organization:
+    with founded(folder, clock, clock=wall, **changed) as organization:
         yield Settled(organization, clock)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
+
+import pytest
 
 from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import DaoEvents
 from rodeo.host.clock import WallClock
-from rodeo_testing.waiting import wait_until
+from rodeo_testing.waiting import HANG_S, wait_until
 
 
 def event(seq: int, name: str) -> dict[str, Any]:
@@ -39,6 +42,10 @@ class Bus:
         self.hear = callback
         return self
 
+    def on_router(self, callback: Any) -> Any:
+        self.comes_back = callback
+        return SimpleNamespace(undeclare=lambda: None)
+
     def undeclare(self) -> None:
         # The last one may be under way.
         self.hear("rodeo/lab/event/late", event(len(self.names) + 1, "late"))
@@ -60,8 +67,21 @@ def test_an_index_that_was_made_anew_and_counts_less_is_heard_from_its_beginning
     wait_for(bus.names)
     heard.clear()
     bus.names = ["A", "B", "C"]  # what was undone before is not told of any more
+    bus.hear("rodeo/lab/event/A", event(1, "A"))
     wait_for(["A", "B", "C"])
     dao.close()
+
+
+def test_what_was_told_while_there_was_no_router_is_heard_when_there_is_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rodeo.bus.session.DaoEvents._CATCH_UP_S", 2 * HANG_S)
+    bus, heard = Bus(), list[str]()
+    with DaoEvents(bus, "lab", lambda event: heard.append(event.name)):  # type: ignore[arg-type]
+        wait_until(lambda: heard == bus.names, heard)
+        bus.names = [*bus.names, "C"]
+        bus.comes_back()
+        wait_until(lambda: heard == bus.names, heard)
 
 
 def test_an_event_that_arrives_at_the_end_does_not_hold_the_clock() -> None:

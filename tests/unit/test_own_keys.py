@@ -89,6 +89,9 @@ class Bridge:
         self.tell = callback
         return SimpleNamespace(undeclare=lambda: None)
 
+    def on_router(self, _callback: Any) -> Any:
+        return SimpleNamespace(undeclare=lambda: None)
+
     def query(self, _key: str, parameters: dict[str, int], timeout_s: float) -> dict[str, Any]:
         return {
             "events": [] if parameters["after"] else [event(1)],

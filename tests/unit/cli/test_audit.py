@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
@@ -14,6 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rodeo.chain.deployment import Deployment
+from rodeo.site.config import Site
 from rodeo_cli.audit import examine
 from rodeo_cli.auditing.bounds import upper_bound
 from rodeo_cli.auditing.page import conclusions, page
@@ -23,6 +28,7 @@ from tests.docs.text import ROOT
 from tests.support.organization import CHAIN_ID
 from tests.support.pool import served
 from tests.support.settled import OTHER_RULES, PRICE_IEC, Settled, settling
+from tests.support.site import LAB, free_port
 
 pytestmark = pytest.mark.long
 
@@ -30,7 +36,6 @@ TASKS = 30
 ENDLESS = "file:///proc/kcore"
 """A file of the auditor's machine, which nobody can read to its end."""
 PLANTED = ("file", "rules", "acts")
-WALL = {"RODEO__CLOCK__SOURCE": "wall"}
 
 
 class Audited(NamedTuple):
@@ -39,6 +44,8 @@ class Audited(NamedTuple):
     planted: dict[int, str]
     """Task -> what is wrong with it."""
     summary: Summary
+    environment: dict[str, str]
+    """What its site has beside its file."""
 
     def examine(self, **options: int) -> Summary:
         return examined(self.settled, self.folder, **options)
@@ -54,19 +61,41 @@ def audited(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Audited]:
     """Thirty paid tasks. The commit decides which three of them are wrong."""
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
     turns = dict(zip(sorted(Random(commit).sample(range(1, TASKS - 1), 3)), PLANTED, strict=True))
-    folder = tmp_path_factory.mktemp("audited")
-    with settling(folder) as settled:
+    folder, shelf = tmp_path_factory.mktemp("audited"), f"http://127.0.0.1:{(port := free_port())}"
+    allowed = Site.load(LAB).store.model_copy(update={"allowed": [shelf]})
+    environment = {"RODEO__CLOCK__SOURCE": "wall", "RODEO__STORE__ALLOWED": json.dumps([shelf])}
+    with settling(folder, store=allowed) as settled, serving(settled.store.urls[0], port):
         settled.allow(OTHER_RULES)
         planted: dict[int, str] = {}
         for turn in range(TASKS - 1):  # two of them in the turn in which one film pays twice
-            planted |= settle(settled, turns.get(turn, ""))
+            # Whatever an executor names, its proof is looked for in the store.
+            named = f"{shelf}/{{file}}" if turn % 2 else ENDLESS
+            planted |= settle(settled, turns.get(turn, ""), named)
         assert len(settled.files) == TASKS
         # An outsider has no keys.
         shutil.rmtree(settled.organization.site.data_dir / "keys")
-        yield Audited(settled, folder / "audit", planted, examined(settled, folder / "audit"))
+        summary = examined(settled, folder / "audit")
+        yield Audited(settled, folder / "audit", planted, summary, environment)
 
 
-def settle(settled: Settled, wrong: str) -> dict[int, str]:
+@contextmanager
+def serving(store: str, port: int) -> Iterator[None]:
+    """The store's folder over HTTP, on this port of this machine."""
+    files = partial(Shelf, directory=store.removeprefix("file://"))
+    with ThreadingHTTPServer(("127.0.0.1", port), files) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield
+        finally:
+            server.shutdown()
+
+
+class Shelf(SimpleHTTPRequestHandler):
+    def log_message(self, *_args: object) -> None:
+        """Quiet."""
+
+
+def settle(settled: Settled, wrong: str, named: str) -> dict[int, str]:
     """Settle a task; its number, where something is `wrong` with it."""
     if wrong == "acts":
         *_, second = settled.settle(tasks=2)
@@ -74,8 +103,7 @@ def settle(settled: Settled, wrong: str) -> dict[int, str]:
     if wrong == "rules":
         (task,) = settled.settle(rules=OTHER_RULES, receipts=False)
         return {task: wrong}
-    # Whatever an executor names, its proof is looked for in the store.
-    (task,) = settled.settle(named=None if wrong else ENDLESS)
+    (task,) = settled.settle(named=None if wrong else named)
     if wrong == "file":
         settled.files[task].write_bytes(b"something else")
         return {task: wrong}
@@ -132,16 +160,21 @@ def test_the_page_loads_nothing_and_names_what_is_wrong(audited: Audited) -> Non
     assert not any(word in text for word in ("<script", "http:", "https:", "src=", "@import"))
 
 
-def test_the_command_has_a_pool_find_the_same_and_exits_with_1(audited: Audited, tmp_path: Path) -> None:
+def test_the_command_has_a_pool_find_the_same_although_a_worker_is_killed_and_exits_with_1(
+    audited: Audited, tmp_path: Path
+) -> None:
     data, site = audited.settled.organization.site.data_dir, audited.folder.parent / "site.toml"
     words = ["audit", "--site", site, "--deployment", Deployment.path(data, CHAIN_ID)]
     words += ["--out", tmp_path / "audit", "--report", tmp_path / "audit.html", "--json"]
-    with served(tmp_path, site, **WALL) as address:
+    killed, environment = tmp_path / "killed", audited.environment
+    deadly = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.deadly", "DEADLY_ONCE": str(killed)}
+    with served(tmp_path, site, **environment, **deadly) as address:
         words += ["--pool", address, "--pool-tls", tmp_path / "tls"]
-        done = CliRunner(env=WALL).invoke(app, [str(word) for word in words])
+        done = CliRunner(env=environment).invoke(app, [str(word) for word in words])
     assert done.exit_code == 1, done.output
+    assert killed.exists()
     said = json.loads(done.stdout)
     found = {one["task_id"]: one["findings"][0]["what"] for one in said["verdicts"] if one["wrong"]}
     assert found == audited.planted
-    assert {one["by"] for one in said["verdicts"]} == {"dask"}
+    assert [one["by"] for one in said["verdicts"]] == TASKS * ["dask"]
     assert (tmp_path / "audit.html").read_text().startswith("<!doctype html>")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import queue
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 import pytest
 
@@ -357,6 +359,56 @@ def test_who_was_waited_for_and_rests_now_keeps_no_period_from_being_jumped_over
     seen = FirstAdvance(world, stop)
     loop.run(seen)
     assert seen.time_ns == JUMP_NS
+
+
+class ByHand(queue.SimpleQueue[object]):
+    """The loop's jobs, and the wall's time: a wait is over at once, and took as long as it had to."""
+
+    now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def get(self, block: bool = True, timeout: float | None = None) -> object:
+        if self.empty() and block:
+            self.now_s += timeout or 0.0
+        return super().get(block=False)
+
+
+class Listener(Nothing):
+    """Notes at which time of the wall each period is published, in periods, and ends after some of them."""
+
+    def __init__(self, wall: ByHand, stop: threading.Event, most: int) -> None:
+        self.wall, self.stop, self.most = wall, stop, most
+        self.heard: list[int] = []
+
+    def publish(self, skipped: bool) -> None:
+        self.heard.append(round(self.wall.now_s * 1e9 / PERIOD_NS))
+        if len(self.heard) == self.most:
+            self.stop.set()
+
+
+@pytest.mark.parametrize(
+    ("still", "due_s", "heard"),
+    [
+        pytest.param(True, [], [0, 4, 4, 4, 4, 9, 9, 9, 9, 9, 14], id="nobody has anything to do"),
+        pytest.param(True, [0.13], [0, 4, 4, 4, 4, 6, 6, 7, 9, 9, 14], id="somebody has, in the seventh"),
+        pytest.param(False, [], [*range(11)], id="something moves"),
+    ],
+)
+def test_while_nothing_moves_nobody_is_woken_for_each_period(
+    monkeypatch: pytest.MonkeyPatch, still: bool, due_s: list[float], heard: list[int]
+) -> None:
+    world, stop, wall = World(parked=False), threading.Event(), ByHand()
+    world.still = still
+    monkeypatch.setattr(loop_module, "time", wall)
+    jobs = SimpleNamespace(SimpleQueue=lambda: wall, Empty=queue.Empty)
+    monkeypatch.setattr(loop_module, "queue", jobs)
+    loop = Loop(world, Nothing(), ClockConfig(speed=1, idle_speed=400), stop)  # type: ignore[arg-type]
+    loop.holders = Resting([*(round(one * 1e9) for one in due_s), NEVER_NS])  # type: ignore[assignment]
+    seen = Listener(wall, stop, len(heard))
+    loop.run(seen)
+    assert seen.heard == heard
 
 
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:

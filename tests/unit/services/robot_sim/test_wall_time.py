@@ -51,13 +51,19 @@ class Jobs(queue.SimpleQueue[object]):
         return super().get(block)
 
 
+class Moving(Simulation):
+    """Each of its periods is simulated when it is due."""
+
+    still = False
+
+
 class Running:
     """A loop in a thread, which begins `late_s` after the world was made for."""
 
     def __init__(self, folder: Path, wall: Wall, late_s: float, speed: float = 1.0) -> None:
         site = Site.load(LAB).model_copy(update={"items": []})
         self.wall = wall
-        self.simulation = Simulation(site, wall.time_ns() - round(late_s * 1e9))
+        self.simulation = Moving(site, wall.time_ns() - round(late_s * 1e9))
         self._state = StateFile(folder / "world", b"", self.simulation.row_size)
         self._stop = threading.Event()
         clock = ClockConfig(speed=speed, idle_speed=speed)
