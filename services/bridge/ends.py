@@ -27,8 +27,8 @@ from services.bridge.wallet import Wallet
 log = logging.getLogger(__name__)
 
 _EXPIRY_PERIOD_S, _EXPIRY_RETRY_S = 0.5, 5.0
-"""Wall time between two looks while the bridge is not ready, and while nothing changes. The latter is also the
-time before the same is tried again."""
+"""Wall time between two looks while the bridge is not ready, and while nothing changes; the latter also
+before the same is tried again."""
 _HAND_BACK_PERIOD_S = 1.0
 
 
