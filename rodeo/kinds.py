@@ -152,6 +152,8 @@ class Kind:
     checks: str = ""
     harness: str = ""
     problems: Problems = _no_problems
+    unprovable: Problems = _no_problems
+    """Why nobody could prove a task with these parameters at the site: the bridge refuses it."""
     complete: Completion = _as_they_are
     subject: str = ""
     """The parameter that names the task's subject, if it has one."""
@@ -294,6 +296,16 @@ class Kinds(Mapping[str, Kind]):
     def completed(self, name: str, params: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters with the values that follow from them at this site."""
         return self[name].complete(self._site, params) if name in self else dict(params)
+
+    def accepted(self, name: str, params: Mapping[str, Any]) -> dict[str, Any]:
+        """The completed parameters of a task that can be proven at this site. Raises InvalidRequest, which
+        names each wrong field."""
+        params = self.completed(name, params)
+        if name in self:
+            self[name].validate(params)
+            if wrong := self[name].unprovable(self._site, params):
+                raise InvalidRequest("nobody could prove this work here", kind=name, fields=wrong)
+        return params
 
     def providing(self, what: Literal["energy"]) -> Kind | None:
         """The kind that provides it, if the site lists one."""

@@ -59,9 +59,9 @@ def complete(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
 
 def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
     """Field -> what to do about it."""
-    wrong = {}
+    wrong = unprovable(site, params)
     known = [item.id for item in site.items]
-    if params.get("item_id", "") not in ([*known, ""] if _takes_anything(site) else known):
+    if params.get("item_id", "") not in ["", *known]:
         wrong["item_id"] = choose("item", known)
     x_m, y_m = params.get("x_m"), params.get("y_m")
     if not (is_number(x_m) and is_number(y_m)):
@@ -72,6 +72,13 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
     if params.get("bin") not in (None, *bins):
         wrong["bin"] = choose("bin", bins)
     return wrong
+
+
+def unprovable(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
+    """Field -> what to do about it, where nobody could prove what became of something without markers."""
+    if params.get("item_id") or _takes_anything(site):
+        return {}
+    return {"item_id": choose("item", [item.id for item in site.items])}
 
 
 def _takes_anything(site: Site) -> bool:

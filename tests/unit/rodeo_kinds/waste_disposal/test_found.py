@@ -9,6 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from rodeo.checks.case import Case
+from rodeo.errors import InvalidRequest
+from rodeo.kinds import kinds_of
 from rodeo.lab.config import ItemClass, Pose2
 from rodeo.lab.items import MeasuredItem, shape_of
 from rodeo.site.config import Site
@@ -88,6 +90,17 @@ def test_a_place_is_enough_where_motion_capture_sees_the_gripper_of_a_mind_that_
     assert problems(site, HERE) == {}
     blind = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap_gripper": False})})
     assert list(problems(blind, HERE)) == ["item_id"]
+
+
+def test_a_task_that_nobody_could_prove_is_refused_before_it_locks_a_reward() -> None:
+    site = Site.load(LAB)
+    blind = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap_gripper": False})})
+    for params in (HERE, HERE | {"item_id": ""}):
+        with pytest.raises(InvalidRequest) as refused:
+            kinds_of(blind).accepted("waste_disposal", params)
+        assert list(refused.value.details["fields"]) == ["item_id"]
+    listed = kinds_of(blind).accepted("waste_disposal", {"item_id": "item1"})
+    assert listed == {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 
 
 def test_nothing_is_known_of_what_lies_at_a_place() -> None:
