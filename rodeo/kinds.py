@@ -60,10 +60,14 @@ FORMATS = {
     "place": "the name of a place of the site",
     "map-x": "m east of the map's origin, chosen on the map",
     "map-y": "m north of it",
+    "photo": "the name of a photo in the site's store; people choose a file",
     "percent": "a share, 0 to 1, that people read in percent",
     "follows": "what `complete` finds from the rest, so that nobody is asked",
 }
 """`format` of a parameter's JSON Schema, for who shows it to people; others are shown by their type."""
+
+PHOTO = r"^[0-9a-f]{64}\.(jpg|png)$"
+"""A photo's name in the store (`rodeo.person.photos`)."""
 
 Judge = Literal["oracle", "auditor"]
 Doubt = Callable[[Mapping[str, Any], Sequence[Task]], str]
@@ -206,6 +210,10 @@ class Kind:
     def schema(self) -> dict[str, Any]:
         """JSON Schema of the parameters."""
         return self.params.model_json_schema() if self.params else dict(self.parameters)
+
+    def fields(self, form: str) -> list[str]:
+        """Names of the parameters of this format."""
+        return [name for name, one in self.schema.get("properties", {}).items() if one.get("format") == form]
 
     def wrong_fields(self, params: Mapping[str, Any]) -> dict[str, str]:
         """Field -> why it does not fit the schema."""

@@ -261,8 +261,9 @@ def _boxes(site: Site) -> Iterator[_Box]:
     for number, robot in enumerate(site.robots):
         if robot.body == "sim":
             yield _Box(("robots", number), robot.name, footprint(robot.pose))
-    for number, item in enumerate(site.items):
-        yield _Box(("items", number), item.id, Rectangle(item.pose, ITEM_RADIUS_M, ITEM_RADIUS_M))
+    for table, lying in (("items", site.items), ("things", site.things)):
+        for number, item in enumerate(lying):
+            yield _Box((table, number), item.id, Rectangle(item.pose, ITEM_RADIUS_M, ITEM_RADIUS_M))
 
 
 def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from rodeo.errors import InvalidRequest, MalformedJson
@@ -11,7 +13,8 @@ from rodeo.site.config import Site
 
 
 def task_params(site: Site, name: str, flags: Sequence[str], params: str | None) -> dict[str, Any]:
-    """The task's parameters: the JSON object, what the options say, and what follows from both."""
+    """The task's parameters: the JSON object, what the options say, and what follows from both. A photo that
+    they name is put into the site's store."""
     from rodeo.kinds import kinds_of
 
     values: dict[str, Any] = {}
@@ -31,13 +34,29 @@ def task_params(site: Site, name: str, flags: Sequence[str], params: str | None)
             given=list(flags),
             listed=sorted(kinds),
         )
-    values |= _flags(flags, {} if kind is None else kind.schema.get("properties", {}))
+    properties = {} if kind is None else kind.schema.get("properties", {})
+    values |= _flags(flags, properties)
     if kind is None:
         return values
-    values = kinds.completed(name, values)
+    values = _with_photos(site, kinds.completed(name, values), kind.fields("photo"))
     if wrong := kind.wrong_params(site, values):
         raise InvalidRequest("the task's parameters are not valid", fields=wrong)
     return values
+
+
+def _with_photos(site: Site, values: dict[str, Any], named: Sequence[str]) -> dict[str, Any]:
+    """With the names of photos in the store instead of those of files."""
+    from rodeo.kinds import PHOTO
+    from rodeo.person import photos  # takes its time to import
+
+    found = dict(values)
+    for name in named:
+        if isinstance(file := values.get(name), str) and not re.match(PHOTO, file):
+            try:
+                found[name] = photos.keep(site, Path(file).read_bytes())
+            except OSError as error:
+                raise InvalidRequest("cannot read the photo", file=file, reason=str(error)) from error
+    return found
 
 
 def _flags(flags: Sequence[str], properties: dict[str, Any]) -> dict[str, Any]:
@@ -46,16 +65,40 @@ def _flags(flags: Sequence[str], properties: dict[str, Any]) -> dict[str, Any]:
     rest = list(flags)
     while rest:
         flag, given, value = rest.pop(0).partition("=")
+        place = _place_of(properties) if flag == "--at" else None
         name = flag.removeprefix("--").replace("-", "_")
-        if not flag.startswith("--") or name not in properties:
+        if place is None and (not flag.startswith("--") or name not in properties):
             known = ["--" + one.replace("_", "-") for one in properties]
+            known += ["--at"] if _place_of(properties) else []
             raise InvalidRequest("this kind has no such parameter", given=flag, known=known)
         if not given:
             if not rest:
                 raise InvalidRequest("this parameter needs a value", given=flag)
             value = rest.pop(0)
-        values[name] = value if properties[name].get("type") == "string" else _json_value(flag, value)
+        if place is not None:
+            values |= zip(place, _coordinates(value), strict=True)
+            continue
+        values[name] = value if _is_text(properties[name]) else _json_value(flag, value)
     return values
+
+
+def _place_of(properties: dict[str, Any]) -> list[str] | None:
+    """The parameters that say where on the map, x first."""
+    forms = {schema.get("format"): name for name, schema in properties.items()}
+    return [forms["map-x"], forms["map-y"]] if {"map-x", "map-y"} <= forms.keys() else None
+
+
+def _coordinates(text: str) -> list[float]:
+    """`3.2,1.4`, m."""
+    try:
+        x_m, y_m = map(float, text.split(","))
+    except ValueError:
+        raise InvalidRequest("a place is x,y in m on the map, such as 3.2,1.4", at=text) from None
+    return [x_m, y_m]
+
+
+def _is_text(schema: dict[str, Any]) -> bool:
+    return any(one.get("type") == "string" for one in (schema, *schema.get("anyOf", ())))
 
 
 def _json_value(flag: str, text: str) -> Any:

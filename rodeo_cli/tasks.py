@@ -108,8 +108,9 @@ def create(
 ) -> None:
     """Post a task, for example: rodeo task create KIND --reward 100
 
-    Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them. To raise the
-    reward, the task is posted again under another number.
+    Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them. `--at 3.2,1.4`
+    says where on the map, in m, and `--photo FILE` adds a picture, where the kind has such parameters. To
+    raise the reward, the task is posted again under another number.
     """
     if sign is not None and up_to is not None:
         raise InvalidRequest("the reward of a task that is only signed cannot rise: leave --reward-up-to out")

@@ -31,11 +31,12 @@ from rodeo.host.files import writing
 from rodeo.host.proxies import proxy_of
 from rodeo.site.config import Site
 
-_NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json)$")
+_NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json|jpg|png)$")
 
 
 class Store:
-    """The site's store for proofs (.mcap, or .bag where bags are accepted) and reports (.json).
+    """The site's store for proofs (.mcap, or .bag where bags are accepted), reports (.json) and
+    photos of what tasks are about (.jpg, .png).
 
     Writes go to `site.store.url`; reads come from there and from `site.store.allowed`.
     """

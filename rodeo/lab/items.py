@@ -55,7 +55,7 @@ class MeasuredItem(ItemConfig):
 
     size_m: Vec3
     """Extents along the x, y and z axis of its frame."""
-    mass_kg: float = Field(gt=0)
+    mass_kg: float = Field(0.05, gt=0)
 
 
 @dataclass(frozen=True)

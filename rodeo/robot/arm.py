@@ -152,7 +152,8 @@ class Arm:
         self._limit_rad_s = (1 - _ROUNDING) * limits.joint_rad_s
         self._site = self.model.site(GRASP_SITE).id
         self._camera = self.model.site(CAMERA_SITE).id
-        self._solver = Solver(self.model, {int(joint.dofadr[0]) for joint in joints})
+        self._dofs = np.array([joint.dofadr[0] for joint in joints])
+        self._solver = Solver(self.model, {*self._dofs.tolist()})
         self._open_qpos = self.model.qpos0.copy()
         """The model's own posture with the fingers open."""
         for finger, side in zip(arm.fingers, (1, -1), strict=True):
@@ -171,6 +172,17 @@ class Arm:
         mujoco.mj_kinematics(self.model, self._data)
         position = self._data.site_xpos[self._camera].copy()
         return position, self._data.site_xmat[self._camera].reshape(3, 3).copy()
+
+    def weight_n(self, q: Vector, torques_nm: Vector) -> float:
+        """The weight between the pads, by what the joints at `q` push more than without it: the one that
+        explains these torques (joints,) best. It hangs below the pads."""
+        self._place(q)
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
+        jacobian = np.zeros((3, self.model.nv))
+        mujoco.mj_jacSite(self.model, self._data, jacobian, None, self._site)
+        lifts_m = jacobian[2, self._dofs]
+        return float(lifts_m @ torques_nm / (lifts_m @ lifts_m))
 
     @cached_property
     def camera_offset_m(self) -> Vector:

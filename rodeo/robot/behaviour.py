@@ -40,8 +40,13 @@ class Record(Protocol):
         """Add a note of the robot's own; `event` says what it is about."""
         ...
 
-    def await_witness(self, item: str) -> None:
-        """Return when motion capture lists this recording and has shown `item`. Raises NoAnswer."""
+    def picture(self, of: str, cdr: bytes) -> None:
+        """Add a picture from the wrist (sensor_msgs/msg/CompressedImage), and a note that it is `of`."""
+        ...
+
+    def await_witness(self, body: str) -> None:
+        """Return when motion capture lists this recording and has shown the item, or the gripper, of this
+        name. Raises NoAnswer."""
         ...
 
     def await_motion(self, after_s: float, latest_s: float) -> bool:

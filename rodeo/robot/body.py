@@ -69,8 +69,20 @@ class Body(Protocol):
         """Open the fingers, unless they are open."""
         ...
 
-    def grasp(self, item: ItemConfig, sighting: Sighting) -> Held:
-        """Take the item, which lies ahead as it was seen, and lift it over the deck. Raises GraspFailed."""
+    def grasp(self, item: ItemConfig, sighting: Sighting, weighs: bool = False) -> Held:
+        """Take the item, which lies ahead as it was seen, and lift it over the deck. Raises GraspFailed.
+
+        With `weighs` the arm does the same lift once without the item before, and tells by the difference
+        what the item weighs; only where it `feels`.
+        """
+        ...
+
+    def feels(self) -> bool:
+        """Whether the arm's joints say their torques."""
+        ...
+
+    def picture(self) -> bytes:
+        """A colour picture from the wrist, now: a sensor_msgs/msg/CompressedImage as CDR. Raises NoAnswer."""
         ...
 
     def held(self) -> Held | None:

@@ -53,6 +53,10 @@ _LIFT_M = 0.15
 _DESCENT_RAD_S = 0.6
 _LIFT_RAD_S = 0.8
 _GRIP_FORCE_N = 5.0
+_SETTLES_S = 1.0
+"""From the end of a lift until the arm stands still enough to feel a weight."""
+_FEELS, _BETWEEN_S = 5, 0.05
+"""How often it then feels, and how long it waits in between."""
 _THERE_RAD = 0.03
 """An arm this close to a posture need not move to it."""
 _PUT_DOWN_M = 0.004
@@ -229,13 +233,24 @@ class MobileManipulator(Driving):
         if self._body.joints().gripper_m < OPEN_ENOUGH_M:
             self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N)
 
-    def grasp(self, item: ItemConfig, sighting: Sighting) -> Held:
+    def picture(self) -> bytes:
+        return self._camera.picture()
+
+    def feels(self) -> bool:
+        return self._body.recent_efforts_nm() is not None
+
+    def grasp(self, item: ItemConfig, sighting: Sighting, weighs: bool = False) -> Held:
         base = self._body.base_pose()
         best = top_grasps(item, sighting.position_m, sighting.quat_wxyz)[0]
         point = in_base_frame(base, best.point_m)
         closing = _ACROSS_RAD if best.yaw_rad is None else best.yaw_rad - base.yaw_rad
         self._reach(_raised(point, _ABOVE_M), closing)
         self._straight(point, closing, _DESCENT_RAD_S)
+        empty_nm = None
+        if weighs:
+            self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S)
+            empty_nm = self._efforts_nm()
+            self._straight(point, closing, _DESCENT_RAD_S)
         held = Held(
             item_id=item.id,
             place_m=sighting.position_m[:2],
@@ -247,6 +262,9 @@ class MobileManipulator(Driving):
         try:
             _check_grip(self._body.grip(0.0, _GRIP_FORCE_N).position_m)
             self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S)
+            if empty_nm is not None:
+                held = held.model_copy(update={"weight_n": self._arm.weight_n(*self._felt(empty_nm))})
+                self._memory.took(held)
             _check_grip(self._body.joints().gripper_m)
         except GraspFailed:
             self._memory.let_go(held.place_m)
@@ -254,6 +272,21 @@ class MobileManipulator(Driving):
         with self.holding():
             self.carry()
         return held
+
+    def _felt(self, empty_nm: Vector) -> tuple[Vector, Vector]:
+        """Where the arm stands, and by how much its joints push more than they did there without anything."""
+        return self._body.joints().arm_rad, self._efforts_nm() - empty_nm
+
+    def _efforts_nm(self) -> Vector:
+        """(joints,) of the arm at rest: the mean of some. Raises GraspFailed where they are not said."""
+        self.wait(_SETTLES_S)
+        felt = []
+        for _ in range(_FEELS):
+            self.wait(_BETWEEN_S)
+            if (now_nm := self._body.joints().efforts_nm) is None:
+                raise GraspFailed("the arm's joints do not say their torques, so nothing can be weighed")
+            felt.append(now_nm)
+        return np.asarray(np.mean(felt, axis=0))
 
     def held(self) -> Held | None:
         """The fingers close on it if they are neither closed nor open."""

@@ -27,6 +27,8 @@ class Held(BaseModel):
     """How far its centre is above where the pads meet, fingers down."""
     grasped_s: float = 0.0
     """Site time at which the fingers closed on it; 0 if nobody remembers."""
+    weight_n: float | None = None
+    """What the arm felt of it; None where nobody asked for that."""
 
 
 class _Facts(BaseModel):

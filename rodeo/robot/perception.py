@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from rodeo.lab.config import ItemConfig
-from rodeo.lab.items import shape_of
+from rodeo.lab.items import WIDEST_GRASP_M, shape_of
 from rodeo.robot.errors import NotFound
 
 Array = NDArray[np.float64]
@@ -38,6 +38,8 @@ _FEWEST_POINTS = 3
 _TRIM = 0.01
 """Share of a cluster's points on each side that its extent leaves out."""
 _YAW_STEPS = 45
+LONGEST_CARRIED_M = 0.2
+"""More does not fit into a compartment."""
 _DISTANCE_WEIGHT = 0.05
 """Weight of the distance: of two things that look the same the nearer is meant, and 10 cm count as much as
 5 mm of misfit."""
@@ -87,6 +89,8 @@ class Sighting:
     height_m: float
     misfit_m: float
     """Largest difference between the cluster's extents and the hull's."""
+    size_m: tuple[float, float, float] | None = None
+    """Of what no site file lists: extents along the axes of that frame, x the longest over the floor."""
 
 
 def cloud(views: Sequence[View]) -> Cloud:
@@ -167,29 +171,49 @@ def _cluster(points: Array, grain_m: float) -> Cluster:
     )
 
 
-def candidates(found: Sequence[Cluster], item: ItemConfig, place: Point, misfit_m: float) -> list[Sighting]:
-    """What may be the item, the likeliest first: nothing that differs from it by more than `misfit_m`."""
+def candidates(
+    found: Sequence[Cluster], item: ItemConfig | None, place: Point, misfit_m: float
+) -> list[Sighting]:
+    """What may be the item, the likeliest first: nothing that differs from it by more than `misfit_m`.
+
+    Without an item, whatever may fit between the fingers and is as small as something that they carry.
+    """
     ranked = []
     for cluster in found:
-        sighting = min(_as_lying(item, cluster), key=lambda s: s.misfit_m)
+        sighting = _as_it_is(cluster) if item is None else _as_item(item, cluster)
         away_m = float(np.hypot(cluster.centre_m[0] - place[0], cluster.centre_m[1] - place[1]))
         if sighting.misfit_m <= misfit_m:
             ranked.append((sighting.misfit_m + _DISTANCE_WEIGHT * away_m, sighting))
     return [sighting for _, sighting in sorted(ranked, key=lambda one: one[0])]
 
 
-def best(found: Sequence[Cluster], item: ItemConfig, place: Point, misfit_m: float) -> Sighting:
+def best(found: Sequence[Cluster], item: ItemConfig | None, place: Point, misfit_m: float) -> Sighting:
     """The likeliest. Raises NotFound that says what was seen instead."""
     likely = candidates(found, item, place, misfit_m)
     if not likely:
         seen = [tuple(round(v, 3) for v in (c.length_m, c.width_m, c.height_m)) for c in found]
         raise NotFound(
-            "the item is not there",
-            item=item.id,
+            "nothing lies there that can be taken" if item is None else "the item is not there",
+            **({} if item is None else {"item": item.id}),
             place_m=(round(place[0], 2), round(place[1], 2)),
             seen_m=seen[:5],
         )
     return likely[0]
+
+
+def _as_it_is(cluster: Cluster) -> Sighting:
+    """The cluster's own box; its misfit is by what it is too wide or too long to be carried."""
+    half = cluster.yaw_rad / 2
+    size_m = cluster.length_m, cluster.width_m, cluster.height_m
+    too_m = max(0.0, cluster.width_m - WIDEST_GRASP_M, cluster.length_m - LONGEST_CARRIED_M)
+    position_m = (*cluster.centre_m, cluster.height_m / 2)
+    return Sighting(
+        position_m, (float(np.cos(half)), 0.0, 0.0, float(np.sin(half))), size_m[2], too_m, size_m
+    )
+
+
+def _as_item(item: ItemConfig, cluster: Cluster) -> Sighting:
+    return min(_as_lying(item, cluster), key=lambda sighting: sighting.misfit_m)
 
 
 def _as_lying(item: ItemConfig, cluster: Cluster) -> Iterator[Sighting]:

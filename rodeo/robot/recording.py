@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -49,6 +50,8 @@ _MOST_EARLY = 1000
 _LOOK_S = 0.5
 """Site time between two looks for what the site tells, which it does at whole seconds. The clock stands still
 for each look."""
+PICTURE = "picture"
+"""Event: {"event", "of"}, before each picture from the robot's own wrist."""
 STALLED = "stalled"
 """Event: {"event", "from_s", "to_s"}, site time over which the robot's odometry was silent, and none was
 lost."""
@@ -181,7 +184,8 @@ class Recording:
             node.raw_subscription(name, topic.type, on_message, inline=True)
         self._listener = self._listen(robot, slack_s, path)
         self._seals = SealPublisher(bus, site.org, robot.name)
-        self._pictures_written = 0
+        self._pictures_written = Counter[str]()
+        """Topic -> how many."""
         self._pictures = PictureFetcher(bus, site.org, self._on_picture)
         self._await_inputs(recorded)
         self._begin(path)
@@ -307,13 +311,16 @@ class Recording:
 
     def _on_picture(self, bin_name: str, cdr: bytes, time_ns: int) -> None:
         """A picture that the bin classified, as its camera encoded it."""
-        self._pictures_written += 1
-        number, type_ = self._pictures_written, topics.BIN_IMAGE.type
-        self._writer.write(
-            lambda recorder: recorder.write_ros(
-                topics.BIN_IMAGE.name(bin=bin_name), type_, cdr, self._robot.clock.now_ns(), time_ns, number
-            )
+        self._write_picture(topics.BIN_IMAGE.name(bin=bin_name), cdr, time_ns)
+
+    def _write_picture(self, name: str, cdr: bytes, time_ns: int) -> None:
+        self._pictures_written[name] += 1
+        number, type_, now_ns = (
+            self._pictures_written[name],
+            topics.BIN_IMAGE.type,
+            self._robot.clock.now_ns(),
         )
+        self._writer.write(lambda recorder: recorder.write_ros(name, type_, cdr, now_ns, time_ns, number))
 
     # -- from the agent --------------------------------------------------------------------------------
 
@@ -326,6 +333,12 @@ class Recording:
         """Something the agent wants on record. Of others' words in it what JSON lacks is written as text."""
         self._writer.write(lambda recorder: recorder.write_json(EVENT_CHANNEL, plain(payload)))
 
+    def picture(self, of: str, cdr: bytes) -> None:
+        """A picture from the robot's wrist, as it was sent, after a note that it is `of`."""
+        self.note({"event": PICTURE, "of": of})
+        namespace = self._robot.site.robot(self._robot.name).namespace
+        self._write_picture(topics.WRIST_IMAGE.name(ns=namespace), cdr, self._robot.clock.now_ns())
+
     def check(self) -> None:
         """Raises what kept the recording from being written, EvidenceHole when messages were lost."""
         if self._writer.failure is not None:
@@ -333,14 +346,14 @@ class Recording:
         if self._odometry.hole_ns and not self._holes_allowed:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._odometry.hole_ns * 1e-9)
 
-    def await_witness(self, item: str | None) -> None:
-        """Wait until motion capture listed this recording and showed where `item` lies and the robot stands:
+    def await_witness(self, body: str | None) -> None:
+        """Wait until motion capture listed this recording and showed where `body` lies and the robot stands:
         what is moved before proves nothing. A robot that begins beside the item may grasp it without a drive.
         Raises NoAnswer; returns at once on a site without motion capture."""
         patience = Patience(self._robot.clock, _WITNESS_S)
         while self._is_watched:
             listed = self._arrived.is_listed
-            shown = self._arrived.shows({item or self._robot.name, self._robot.name})
+            shown = self._arrived.shows({body or self._robot.name, self._robot.name})
             if listed and shown:
                 return
             patience.pause(_LOOK_S)
@@ -353,7 +366,7 @@ class Recording:
                     "motion capture does not list this recording",
                     listed=listed,
                     shown=shown,
-                    item=item,
+                    item=body,
                     timeout_s=_WITNESS_S,
                 )
 

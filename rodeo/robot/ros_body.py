@@ -72,6 +72,8 @@ class Joints:
 
     arm_rad: Vector
     gripper_m: float
+    efforts_nm: Vector | None = None
+    """(joints,) of the arm; None where nobody says all of them."""
 
 
 @dataclass(frozen=True)
@@ -379,7 +381,9 @@ class RosBody:
             if not wanted:
                 return None, frozenset()
             found, used = readings.joints(messages, wanted)
-            return _Said(_joints(found, arm), readings.without_effort(messages, arm.fingers)), used
+            efforts = readings.efforts(messages)
+            silent = [finger for finger in arm.fingers if finger not in efforts]
+            return _Said(_joints(found, arm, efforts), silent), used
 
         self._joint_states = latest(
             topics.JOINT_STATES, gather, topics.JOINT_STATES.name(**names), MOST_PUBLISHERS
@@ -418,6 +422,11 @@ class RosBody:
         """Half the gap between the fingers a moment ago, None when nobody says so."""
         said: _Said | None = self._joint_states.recent()
         return None if said is None else said.joints.gripper_m
+
+    def recent_efforts_nm(self) -> Vector | None:
+        """Those of the arm a moment ago, None when nobody says them."""
+        said: _Said | None = self._joint_states.recent()
+        return None if said is None else said.joints.efforts_nm
 
     def battery(self) -> Battery:
         """Raises BodySilent."""
@@ -575,9 +584,10 @@ def holds_something(gripper_m: float) -> bool:
     return NOTHING_HELD_M < gripper_m < OPEN_ENOUGH_M
 
 
-def _joints(position: dict[str, float], arm: ArmModel) -> Joints:
+def _joints(position: dict[str, float], arm: ArmModel, effort: dict[str, float]) -> Joints:
     left, right = (position[name] for name in arm.fingers)
-    return Joints(np.array([position[name] for name in arm.joints]), float(left - right) / 2)
+    known = np.array([effort[name] for name in arm.joints]) if {*arm.joints} <= effort.keys() else None
+    return Joints(np.array([position[name] for name in arm.joints]), float(left - right) / 2, known)
 
 
 def _cancel(goal: ClientGoal) -> None:

@@ -31,6 +31,8 @@ _FRAMES = 2
 """Pictures per view: their noise differs."""
 _PICTURE_S = 10.0
 """Without a picture until the camera counts as silent, see `Patience`."""
+_COLOUR_S = 3.0
+"""The same of colour, which is sent once a second, and which no work depends on."""
 _SLICE_S = 0.5
 """Wall time between two looks whether that is so."""
 
@@ -54,7 +56,7 @@ class WristCamera:
         self._body = body
         self._arm = arm
         self._clock = clock
-        for topic in (topics.WRIST_DEPTH, topics.WRIST_DEPTH_INFO):
+        for topic in (topics.WRIST_DEPTH, topics.WRIST_DEPTH_INFO, topics.WRIST_IMAGE):
             types.prepare(topic.type)
 
     def look(self) -> list[View]:
@@ -76,6 +78,16 @@ class WristCamera:
         except Unknown as error:
             raise NoAnswer(f"the wrist camera sends no depth: {error.message}") from error
 
+    def picture(self) -> bytes:
+        """A colour picture, as it was sent. Raises NoAnswer."""
+        pictures = _Messages(self._clock)
+        node = self._make_node("eyes")
+        try:
+            self._subscribe(node, topics.WRIST_IMAGE, pictures)
+            return self._next_cdr(topics.WRIST_IMAGE, pictures, _COLOUR_S)
+        finally:
+            node.close()
+
     def _subscribe(self, node: Node, topic: Topic, into: _Messages) -> None:
         def take(info: MessageInfo) -> None:
             into.queue.put(info.cdr)
@@ -84,15 +96,21 @@ class WristCamera:
         node.raw_subscription(topic.name(**self._names), topic.type, take, inline=True)
 
     def _next(self, topic: Topic, messages: _Messages) -> Any:
-        patience, check = Patience(self._clock, _PICTURE_S), self._body.interrupts.check
+        return types.deserialize(self._next_cdr(topic, messages, _PICTURE_S), topic.type)
+
+    def _next_cdr(self, topic: Topic, messages: _Messages, silent_s: float) -> bytes:
+        """The next message that can be read."""
+        patience, check = Patience(self._clock, silent_s), self._body.interrupts.check
         while not patience.is_over:
             if messages.arrived.wait(wall_s=_SLICE_S, check=check):
+                cdr = messages.queue.get()
                 try:
-                    return types.deserialize(messages.queue.get(), topic.type)
+                    types.deserialize(cdr, topic.type)
+                    return cdr
                 except MalformedMessage as error:
                     log.warning("ignored a message on %s: %s", topic.name(**self._names), error)
                     check()
-        raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_S)
+        raise NoAnswer("the wrist camera sends no pictures", timeout_s=silent_s)
 
     def _pose(self) -> tuple[Array, Array]:
         """Pose of the optical frame in the map."""

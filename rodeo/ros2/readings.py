@@ -240,15 +240,14 @@ def joints(messages: Sequence[Any], wanted: Collection[str]) -> Gathered:
     return Gathered(found, frozenset(used))
 
 
-def without_effort(messages: Sequence[Any], wanted: Collection[str]) -> list[str]:
-    """The joints in `wanted` whose effort is finite in no message."""
-    said = {
-        bare(name)
-        for message in messages
-        for name, effort in zip(message.name, message.effort, strict=False)
-        if math.isfinite(effort)
-    }
-    return [name for name in wanted if name not in said]
+def efforts(messages: Sequence[Any]) -> dict[str, float]:
+    """Joint -> its effort, from the first of the messages in which that is finite."""
+    found: dict[str, float] = {}
+    for message in messages:
+        for name, effort in zip(message.name, message.effort, strict=False):
+            if math.isfinite(effort):
+                found.setdefault(bare(name), float(effort))
+    return found
 
 
 def are_joints(columns: Any) -> Any:

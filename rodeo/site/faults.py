@@ -94,6 +94,10 @@ def _rooms(site: SiteFile) -> Iterator[tuple[Place, str]]:
     yield from _twice(named, "two rooms are called {}")
 
 
+_LYING = ("items", "things")
+"""Tables of what lies in the lab."""
+
+
 def placed(site: SiteFile) -> Iterator[tuple[Place, str, Pose2]]:
     """Everything that stands, lies or has a name in the room: where the file says so, its name, its pose."""
     for number, furniture in enumerate(site.lab.furniture):
@@ -107,8 +111,9 @@ def placed(site: SiteFile) -> Iterator[tuple[Place, str, Pose2]]:
     for number, robot in enumerate(site.robots):
         if robot.body == "sim":
             yield ("robots", number), robot.name, robot.pose
-    for number, item in enumerate(site.items):
-        yield ("items", number), item.id, item.pose
+    for table in _LYING:
+        for number, item in enumerate(getattr(site, table)):
+            yield (table, number), item.id, item.pose
 
 
 def _names(site: SiteFile) -> Iterator[tuple[Place, str]]:
@@ -117,7 +122,7 @@ def _names(site: SiteFile) -> Iterator[tuple[Place, str]]:
         if twice := list(_twice(robots, f"two robots have the same {field}, {{}}")):
             yield from twice
             break  # a namespace follows from the name
-    in_lab = [((*place, "id" if place[0] == "items" else "name"), name) for place, name, _ in placed(site)]
+    in_lab = [((*place, "id" if place[0] in _LYING else "name"), name) for place, name, _ in placed(site)]
     yield from _twice(in_lab, "two things in the lab are called {}")
     signing: list[tuple[Place, str]] = [((), name) for name in _OWN_WALLETS]
     signing += [(("robots", number, "wallet"), robot.wallet) for number, robot in enumerate(site.robots)]

@@ -74,6 +74,8 @@ class SiteFile(BaseModel):
     places: list[PlaceConfig] = []
     robots: list[SiteRobot]
     items: list[ItemConfig] = []
+    things: list[ItemConfig] = []
+    """What lies in a simulated lab and carries no markers: no process but `robot_sim` knows of it."""
     participants: list[sections.ParticipantConfig] = []
     ros: list[sections.RosConfig] = []
     """By default nobody's ROS 2 nodes take part in the organization, and no process waits for them."""

@@ -34,13 +34,12 @@ from rodeo.robot.recording import last_s, notes, recording_of, statements
 from rodeo.witness.statement import Drop
 from rodeo_kinds.waste_disposal.aftermath import Aftermath
 from rodeo_kinds.waste_disposal.delivery import BIN_ANSWER_WALL_S, Delivery, Station
+from rodeo_kinds.waste_disposal.found import FOUND
 from rodeo_kinds.waste_disposal.grasping import Grasping
-from rodeo_kinds.waste_disposal.params import CleaningParams
+from rodeo_kinds.waste_disposal.params import CleaningParams, unprovable
 
 log = logging.getLogger(__name__)
 
-_ANYTHING = "anything that lies at a place"
-"""This robot takes only what the site lists."""
 _PICKS = 4
 _DELIVERIES = 4
 _BIN_RECALL_WALL_S = 4.0
@@ -62,13 +61,15 @@ class WasteDisposal(Behaviour):
     def weigh(self, task: Task | None, here: Pose2) -> Estimate:
         """For the way over the item to the bin; without a task over the farthest item.
 
-        Raises TaskFailed where the site has no such item or bin, and where nobody can look at the place.
+        Raises TaskFailed where the site has no such item or bin, where nobody can look at the place, and
+        where what lies there has no name and this robot or site cannot prove what it did with that.
         """
         if task is None:
             places, stations = [(item.pose.x_m, item.pose.y_m) for item in self._items], self.stations
         else:
             params = ordered(task)
-            self.item(params.item_id or _ANYTHING)
+            if self.item(params.item_id) is None:
+                self._require_senses()
             places, stations = [(params.x_m, params.y_m)], self.choice(params)[:1]
             try:
                 self._floor.lookouts(places[0], (), here)
@@ -87,7 +88,7 @@ class WasteDisposal(Behaviour):
     def execute(self, work: Work) -> None:
         params = ordered(work.task)
         place, stations = (params.x_m, params.y_m), self.choice(params)
-        self.dispose(params.item_id or _ANYTHING, place, stations, work)
+        self.dispose(params.item_id, place, stations, work)
 
     def choice(self, params: CleaningParams) -> list[Station]:
         """The bin that the task names, or all, the nearest to the item first. Raises TaskFailed."""
@@ -128,25 +129,34 @@ class WasteDisposal(Behaviour):
 
     # -- the work --------------------------------------------------------------------------------------
 
-    def item(self, item_id: str) -> ItemConfig:
-        """Raises TaskFailed when the site has no such item."""
+    def item(self, item_id: str) -> ItemConfig | None:
+        """None for no name: whatever lies at the place. Raises TaskFailed when the site has no such item."""
+        if not item_id:
+            return None
         for item in self._items:
             if item.id == item_id:
                 return item
         raise TaskFailed("no such item on this site", item=item_id)
 
+    def _require_senses(self) -> None:
+        if wrong := unprovable(self.robot.site, {}):
+            raise TaskFailed("nobody could prove here what became of something without markers", **wrong)
+        if not self._body.feels():
+            raise TaskFailed("the arm's joints do not say their torques, so nothing can be weighed")
+
     def dispose(self, item_id: str, place: Point, stations: Sequence[Station], work: Work) -> None:
-        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the first bin of these that can be
-        reached, and see that it stays.
+        """Bring the item, or without a name whatever lies there, which is within PLACE_LIMIT_M of `place`,
+        into the first bin of these that can be reached, and see that it stays.
 
         Raises TaskFailed with the last cause when the limits on retries are used up, and when the item is
         not there.
         """
         item = self.item(item_id)
+        item_id = item_id or FOUND
         picks = deliveries = 0
         while True:
             held = self._body.held()
-            if held is not None and held.item_id != item.id:
+            if held is not None and held.item_id != item_id:
                 raise TaskFailed("the gripper holds another item", item=item_id, held=held.item_id)
             try:
                 if held is None:
@@ -154,13 +164,14 @@ class WasteDisposal(Behaviour):
                     self._grasping.take(item, place, self._where_to_look(item, place, picks), work)
                 else:
                     deliveries += 1
-                    station = self.delivery.go_to(stations, item, work)
-                    released_s = self.delivery.deliver(item, held, station, work)
+                    station = self.delivery.go_to(stations, held, work)
+                    released_s = self.delivery.deliver(held, station, work)
                     self.delivery.finish(released_s, station, BIN_ANSWER_WALL_S, work)
                     return
             except NotFound as error:
+                what, (x_m, y_m) = item_id if item else "anything to take", place
                 raise TaskFailed(
-                    f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}: {error.message}",
+                    f"{what} was not found near x {x_m:.2f} y {y_m:.2f}: {error.message}",
                     cause=error.code,
                     **error.details,
                 ) from error
@@ -174,10 +185,10 @@ class WasteDisposal(Behaviour):
                     raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
                 self.delivery.recover()
 
-    def _where_to_look(self, item: ItemConfig, place: Point, picks: int) -> Point:
+    def _where_to_look(self, item: ItemConfig | None, place: Point, picks: int) -> Point:
         """Where the task says; after a grasp that failed, where the item was last."""
-        known = self._memory.place(item.id)
-        return place if picks == 1 or known is None else known
+        known = None if item is None or picks == 1 else self._memory.place(item.id)
+        return known or place
 
     def confirm(self, released_s: float, station: Station, work: Work) -> None:
         """Ask the bin about an item that was released at `released_s`, before an interruption.

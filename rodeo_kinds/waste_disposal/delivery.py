@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rodeo.lab.config import ItemConfig
 from rodeo.lab.layout import BinLayout
 from rodeo.robot.behaviour import Robot, Work
 from rodeo.robot.bin import SmartBin, names
@@ -76,23 +75,23 @@ class Delivery:
         base = self._body.here()
         return min(self.stations, key=lambda one: one.away_m(base.x_m, base.y_m))
 
-    def go_to(self, stations: Sequence[Station], item: ItemConfig, work: Work) -> Station:
+    def go_to(self, stations: Sequence[Station], held: Held, work: Work) -> Station:
         """Carry it to the first of these bins that can be reached."""
         with self._body.holding():
-            work.report(f"carrying {item.id} to the bin", 0.45)
+            work.report(f"carrying {held.item_id} to the bin", 0.45)
             self._body.carry()
             self._body.drive([one.layout.parking for one in stations], _QUEUE_S)
             return stations[0] if len(stations) == 1 else self._nearest()
 
-    def deliver(self, item: ItemConfig, held: Held, station: Station, work: Work) -> float:
+    def deliver(self, held: Held, station: Station, work: Work) -> float:
         """Returns when it was let go of, site time."""
-        work.report(f"showing {item.id} to {station.name}", 0.6)
+        work.report(f"showing {held.item_id} to {station.name}", 0.6)
         with self._body.holding():
-            compartment = self._present(held, item, station, work.recording.claimant).compartment
-        work.report(f"dropping {item.id} into {compartment}", 0.7)
+            compartment = self._present(held, station, work.recording.claimant).compartment
+        work.report(f"dropping {held.item_id} into {compartment}", 0.7)
         return self._drop(held, station, compartment, work)
 
-    def _present(self, held: Held, item: ItemConfig, station: Station, claimant: Claimant) -> Classification:
+    def _present(self, held: Held, station: Station, claimant: Claimant) -> Classification:
         """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
 
         What the bin does not know, or wants to see from another angle, is turned and shown again before its
@@ -114,14 +113,14 @@ class Delivery:
             except NoAnswer as error:
                 if attempt == _SHOWS:
                     raise
-                log.warning("%s; showing %s again", error.message, item.id)
+                log.warning("%s; showing %s again", error.message, held.item_id)
             else:
                 if attempt == _SHOWS or not (said.item_class == UNKNOWN or said.another_angle):
                     if said.full:
                         raise TaskFailed("the compartment is full", compartment=said.compartment)
                     return said
                 turn_rad = _OTHER_VIEWS_RAD[attempt - 1]
-                log.info("the bin is not sure what %s is; showing another side", item.id)
+                log.info("the bin is not sure what %s is; showing another side", held.item_id)
             self._body.carry()
             self._body.wait(_LOOK_AWAY_S)
         raise AssertionError("unreachable")

@@ -6,6 +6,9 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from rodeo.lab.config import ItemClass, Pose2
+from rodeo.lab.items import MeasuredItem
+
 FOUND: Final = "found"
 SMALLEST_M, LARGEST_M = 0.005, 0.3
 """Extents of what a gripper takes from the floor."""
@@ -29,3 +32,11 @@ class Found(BaseModel):
     def note(self) -> dict[str, Any]:
         """Content of the note."""
         return self.model_dump(mode="json")
+
+
+def thing(size_m: tuple[float, float, float], pose: Pose2, **felt: float) -> MeasuredItem:
+    """What no site file lists, as a box that was measured; `felt` is its `mass_kg`, where that is known. Of
+    which class it is the bin says."""
+    return MeasuredItem(
+        id=FOUND, item_class=ItemClass.TRASH, shape="carton", pose=pose, size_m=size_m, **felt
+    )

@@ -9,12 +9,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.bus.messages import Task
 from rodeo.charging.orders import Name, Number, shown
-from rodeo.kinds import choose, is_number
+from rodeo.kinds import PHOTO, choose, is_number
 from rodeo.lab.layout import BinLayout, furniture_floor
 from rodeo.site.config import Site
+from rodeo.site.sections import interface_of
 
 FARTHEST_M = 10_000.0
 """From the origin of a site's map: no robot drives so far."""
+Photo = Annotated[str, Field(pattern=PHOTO)]
 Coordinate = Annotated[Number, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 _UNDER_WAY = ("open", "assigned", "submitted", "ruled")
@@ -31,6 +33,8 @@ class CleaningParams(BaseModel):
     y_m: Annotated[Coordinate, shown("North, y (m)", "map-y")]
     bin: Annotated[Name | None, shown("Bin", "bin")] = None
     """If it is left out, the robot chooses."""
+    photo: Annotated[Photo | None, shown("Photo of what lies there", "photo")] = None
+    """For who judges: no robot and no oracle looks at it."""
 
 
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
@@ -82,9 +86,9 @@ def unprovable(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _takes_anything(site: Site) -> bool:
-    """Whether somebody can prove a task without an item: a mind of the site's own makers, for that of
-    `robot_agent` takes listed items only, where motion capture sees the gripper."""
-    return site.lab.mocap and site.lab.mocap_gripper and any(robot.mind for robot in site.robots)
+    """Whether a task without an item can be proven: motion capture sees grippers, and a robot has one."""
+    armed = any(interface_of(robot).arm for robot in site.robots)
+    return site.lab.mocap and site.lab.mocap_gripper and armed
 
 
 def _occupied(site: Site, x_m: float, y_m: float) -> str | None:

@@ -13,6 +13,8 @@ from fastapi.responses import FileResponse, JSONResponse, Response
 
 from rodeo.bus import queries
 from rodeo.display.earnings import as_csv
+from rodeo.person.photos import kept
+from rodeo.vision.images import media_type
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console
 from services.console.queries import pages
@@ -20,8 +22,8 @@ from services.console.solids import solids
 
 
 def router(console: Console) -> APIRouter:
-    """GET /files/proof/<task>?attempt=<number>, /files/transfers.csv?account=<name>, /files/earnings.csv and
-    /files/lab.json (`solids`). They raise RodeoError."""
+    """GET /files/proof/<task>?attempt=<number>, /files/photo/<name>, /files/transfers.csv?account=<name>,
+    /files/earnings.csv and /files/lab.json (`solids`). They raise RodeoError."""
     routes = APIRouter(include_in_schema=False)
 
     def folder() -> Iterator[Path]:
@@ -32,6 +34,11 @@ def router(console: Console) -> APIRouter:
     def proof(task_id: int, folder: Annotated[Path, Depends(folder)], attempt: int | None = None) -> Response:
         copy = console.queries.proof(console.queries.evidence(task_id, attempt), folder)
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")
+
+    @routes.get("/files/photo/{name}")
+    def photo(name: str) -> Response:
+        shown = kept(console.site, name)
+        return Response(shown, media_type=media_type(shown), headers={"Cache-Control": "private, immutable"})
 
     drawn = cache(partial(solids, console.site))
 

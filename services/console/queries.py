@@ -29,6 +29,7 @@ from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
 from services.console.attempts import Attempt, attempts
 from services.console.errors import UnknownFile
+from services.console.replay import pictures
 
 T = TypeVar("T")
 
@@ -163,6 +164,11 @@ class Queries:
             proof = open_proof(self.proof(evidence, Path(folder)))
         seal = Seal(proof.signer, proof.size_bytes, proof.messages, proof.seals)
         return _keep(self._seals, proof.sha256, seal, _SEALS_KEPT)
+
+    def pictures(self, evidence: Evidence) -> list[Json]:
+        """The pictures in the recording, as `replay.pictures` has them. Raises UnknownFile, EvidenceError."""
+        with tempfile.TemporaryDirectory(prefix="rodeo-pictures-") as folder:
+            return pictures(open_proof(self.proof(evidence, Path(folder))), self._site)
 
     def statement(self, task: Task) -> Statement:
         """Note and photos that a person handed in. Raises UnknownFile, EvidenceError."""

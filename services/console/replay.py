@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.headings import yaws_of
-from rodeo.robot.recording import STALLED
+from rodeo.robot.recording import PICTURE, STALLED
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.site import topics
@@ -38,6 +39,7 @@ _TEXT = 160
 """Characters of one mark."""
 _PICTURES, _PICTURE_BYTES = 6, 200_000
 """Most pictures of one camera, and most bytes of one: they come in the page's own message."""
+_WRIST = "wrist camera"
 _KINDS = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpeg"}
 
 
@@ -69,7 +71,7 @@ def track(proof: Proof, site: Site, report: Json | None = None) -> Json:
         "robots": {name: one for name, one in robots.items() if one is not None},
         "items": seen,
         "marks": sorted(marks, key=lambda mark: mark["t"])[:_MARKS],
-        "pictures": _pictures(proof, site),
+        "pictures": pictures(proof, site),
         "curves": drawn,
         "checks": checks_at(moments, drawn, t, checked),
     }
@@ -159,19 +161,33 @@ def _marks(proof: Proof, start_ns: int) -> tuple[list[Json], dict[str, float]]:
     return marks, moments
 
 
-def _pictures(proof: Proof, site: Site) -> list[Json]:
-    """The last pictures of each camera of the recording."""
+def pictures(proof: Proof, site: Site) -> list[Json]:
+    """The last pictures of each camera of the recording, by time; `from` also says what the robot noted that
+    its own are of."""
+    noted = [
+        (log_ns, str(event.get("of"))[:_TEXT])
+        for log_ns, event in zip(_logged_ns(proof, EVENT_CHANNEL), proof.events(), strict=True)
+        if event.get("event") == PICTURE
+    ]
     cameras = {topics.BIN_IMAGE.name(bin=one.name): f"{one.name}'s camera" for one in site.bins}
-    cameras |= {
-        topics.WRIST_IMAGE.name(ns=one.namespace): f"{one.name}'s wrist camera" for one in site.robots
-    }
-    return [
-        {"t": round((log_ns - proof.start_ns) * 1e-9, 1), "from": whose, "src": src}
+    cameras |= {topics.WRIST_IMAGE.name(ns=one.namespace): f"{one.name}'s {_WRIST}" for one in site.robots}
+    found = [
+        {"t": round((log_ns - proof.start_ns) * 1e-9, 1), "from": _of(whose, log_ns, noted), "src": src}
         for topic, whose in cameras.items()
         if (column := proof.topics.get("/" + topic)) is not None
         for log_ns, data in [*zip(column.log_ns, column.data, strict=True)][-_PICTURES:]
         if (src := _picture(data))
     ]
+    return sorted(found, key=lambda one: one["t"])
+
+
+def _of(whose: str, log_ns: int, noted: list[tuple[int, str]]) -> str:
+    of = [of for at_ns, of in noted if at_ns <= log_ns]
+    return f"{whose}: {of[-1]}" if of and whose.endswith(_WRIST) else whose
+
+
+def _logged_ns(proof: Proof, channel: str) -> Sequence[int]:
+    return proof.topics[channel].log_ns if proof.count(channel) else []
 
 
 def _picture(data: bytes) -> str:
@@ -191,8 +207,7 @@ def _said(proof: Proof) -> list[tuple[int, str, str]]:
     return [
         (log_ns, *told)
         for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)
-        if proof.count(channel)
-        for log_ns, value in zip(proof.topics[channel].log_ns, proof.json(channel), strict=True)
+        for log_ns, value in zip(_logged_ns(proof, channel), proof.json(channel), strict=True)
         if (told := _sentence(value))[0]
     ]
 
@@ -221,6 +236,8 @@ def _sentence(value: Json) -> tuple[str, str]:
         return _stated(payload)
     name = value.get("name") or value.get("event")
     if not isinstance(name, str):
+        return "", ""
+    if name == PICTURE:
         return "", ""
     if name == STALLED:
         return "The robot's odometry was silent", ""

@@ -194,7 +194,8 @@ class Things:
         self._presence = {one.name: model.site(f"{one.name}/presence").id for one in site.bins}
         self.items = {item.id: model.body(item.id).id for item in site.items}
         """Name -> MuJoCo's number of the body."""
-        self.captured = self.items | {
+        bare = {thing.id for thing in site.things}
+        self.captured = {item: body for item, body in self.items.items() if item not in bare} | {
             robot.name: model.body(f"{robot.name}/base_link" if robot.name in robots else robot.name).id
             for robot in sorted(site.robots, key=lambda one: one.name not in robots)
         }
@@ -239,7 +240,8 @@ class Simulation:
     """
 
     def __init__(self, site: Site, time_ns: int) -> None:
-        self.site = site
+        self.site = site = site.model_copy(update={"items": [*site.items, *site.things]})
+        """Whose items are all that lies there."""
         self.time_ns = time_ns
         self._stalled_ns = 0
         self._to_settle = 0

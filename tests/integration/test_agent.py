@@ -18,6 +18,7 @@ from rodeo.dao import Participant
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
 from rodeo.host.clock import WallClock
+from rodeo.person.statement import judge
 from rodeo.robot.decisions import Explained
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
@@ -32,6 +33,7 @@ from tests.support.live import LiveDao, living
 from tests.support.site import NewSite
 
 MIN_UPDATE_S = 120.0
+ORACLE_BELOW_IEC = 300
 SITE = f"""clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = true
@@ -40,6 +42,27 @@ agent.explore_when_idle = true
 name = "panther1"
 pose = {{ x_m = 1.4, y_m = 1.3, yaw_rad = 0.0 }}
 battery = {{ soc = 0.8 }}
+
+[[kinds]]
+name = "waste_disposal"
+oracle_below_iec = {ORACLE_BELOW_IEC}
+
+[[kinds]]
+name = "battery_charging"
+
+[[things]]
+id = "cup"
+class = "plastic"
+shape = "cup"
+pose = {{ x_m = 3.7, y_m = 0.9 }}
+mass_kg = 0.03
+
+[[things]]
+id = "carton"
+class = "cardboard"
+shape = "box"
+pose = {{ x_m = 1.9, y_m = 3.2, yaw_rad = 0.5 }}
+mass_kg = 0.04
 
 [robots.pricing.kinds.waste_disposal]
 method = "cost_plus"
@@ -159,6 +182,35 @@ def test_the_robot_goes_on_and_its_proof_holds_every_recorded_topic_the_events_a
     assert item is not None
     moved = np.hypot(*(item.position_m[:, :2] - lying).T) > 0.03
     assert listed[0] < motion[int(item.statement[moved.argmax()])].seq
+
+
+def thing_task(organization: LiveDao, thing: str, reward_iec: str) -> int:
+    pose = next(one.pose for one in organization.running.site.things if one.id == thing)
+    return organization.post(reward_iec, params={"x_m": pose.x_m + 0.1, "y_m": pose.y_m})
+
+
+def test_what_nobody_listed_is_taken_from_its_place_and_paid_below_the_price_that_the_oracle_may_accept(
+    organization: LiveDao,
+) -> None:
+    task_id = thing_task(organization, "cup", str(ORACLE_BELOW_IEC - 1))
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    assert (task["verdict"], task["attempt"], task["passed_on"]) == ("accepted", 1, False), task["reason"]
+
+
+def test_auditors_decide_about_what_nobody_listed_where_the_oracle_only_proposes(
+    organization: LiveDao,
+) -> None:
+    task_id = thing_task(organization, "carton", str(ORACLE_BELOW_IEC))
+    organization.wait_for_event("PassedOn", task_id)
+    task = organization.task(task_id)
+    assert "proposal: accepted. Motion capture signed base and gripper" in task["reason"]
+    running = organization.running
+    auditor = Participant(running.bus, running.site.org, "organization")
+    judge(running.site, auditor, task_id, "accepted", "The pictures show the carton.")
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    assert (task["state"], task["verdict"]) == ("settled", "accepted")
 
 
 def site_pose(organization: LiveDao, item_id: str) -> tuple[float, float]:

@@ -19,7 +19,7 @@ DECODES = {"deserialize", "subscription", "raw_subscription"}
 
 BY_THE_DOOR = {
     "rodeo/robot/receipts.py": {"battery"},
-    "rodeo/robot/ros_body.py": {"battery", "joints", "pose", "without_effort"},
+    "rodeo/robot/ros_body.py": {"battery", "joints", "pose", "efforts"},
     "rodeo/robot/wrist_camera.py": {"depth_m", "intrinsics"},
     "rodeo_experiments/lab.py": {"pose"},
     "rodeo_cli/mocap.py": {"pose"},

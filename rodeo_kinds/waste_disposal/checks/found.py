@@ -25,14 +25,14 @@ from rodeo.checks.tables import gaps_of
 from rodeo.errors import wrong_fields
 from rodeo.evidence.series import Array
 from rodeo.lab.arm import GRASP_SITE
-from rodeo.lab.config import ItemClass, Pose2, gripper_body
+from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.headings import yaws_of
 from rodeo.lab.items import MeasuredItem
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import PAD_THICKNESS_M, arm_model, robot_model
 from rodeo.site.topics import EVENT_CHANNEL
 from rodeo_kinds.waste_disposal.checks.disposal import drop_of
-from rodeo_kinds.waste_disposal.found import FOUND, LARGEST_M, SMALLEST_M, Found
+from rodeo_kinds.waste_disposal.found import FOUND, LARGEST_M, SMALLEST_M, Found, thing
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from rodeo_kinds.waste_disposal.place import JUDGED_LIMIT_M
 
@@ -111,14 +111,8 @@ def measured(case: Case) -> MeasuredItem:
     pose = Pose2(
         x_m=float(position_m[0]), y_m=float(position_m[1]), yaw_rad=float(yaws_of(quaternion[None])[0])
     )
-    return MeasuredItem(
-        id=FOUND,
-        item_class=ItemClass.CARDBOARD,
-        shape="box",
-        pose=pose,
-        size_m=(note.size_m[0], width_m(case), note.size_m[2]),
-        mass_kg=note.weight_n / 9.81,
-    )
+    size_m = note.size_m[0], width_m(case), note.size_m[2]
+    return thing(size_m, pose, mass_kg=note.weight_n / 9.81)
 
 
 @once_per_case

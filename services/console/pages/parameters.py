@@ -7,13 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
+from nicegui.events import UploadEventArguments
 
 from rodeo.bus.session import decode_json
 from rodeo.display.formatting import parameter
 from rodeo.kinds import Kind
 from rodeo.lab.config import BinConfig, DockConfig, PlaceConfig
+from rodeo.person import photos
+from rodeo.person.statement import MAX_PHOTO_BYTES
 from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
+from services.console.pages import frame, widgets
 
 
 class Parameters:
@@ -28,8 +32,12 @@ class Parameters:
             for name, schema in (kind.schema.get("properties", {}) if kind else {}).items()
             if schema.get("format") != "follows"
         }
+        anything = kind is not None and not kind.unprovable(site, {})
+        self._items = {item.id: f"{item.id} ({item.item_class.value})" for item in site.items} | (
+            {"": "whatever lies at the place"} if anything else {}
+        )
         self.fields: dict[str, Any] = {
-            name: _field(site, name, schema, changed) for name, schema in self._properties.items()
+            name: self._field(name, schema, changed) for name, schema in self._properties.items()
         }
         self._whole = None
         if not self._properties:
@@ -46,7 +54,7 @@ class Parameters:
         if (field := self.field("item")) is None or inside == self._inside:
             return
         self._inside = inside
-        offered = {item: text for item, text in _items(self._site).items() if item not in inside}
+        offered = {item: text for item, text in self._items.items() if item not in inside}
         field.set_options(offered, value=field.value if field.value in offered else next(iter(offered), None))
         said = "; ".join(f"{item} lies in {where}" for item, where in inside.items())
         field.props(f"hint={json.dumps(said)}")
@@ -78,23 +86,47 @@ class Parameters:
             if value is not None and (not hasattr(field, "options") or value in field.options):
                 field.value = value
 
+    def _field(self, name: str, schema: Json, changed: Callable[[], None]) -> Any:
+        if _form(schema) == "item":
+            first = next(iter(self._items), None)
+            return ui.select(self._items, value=first, label=_label(name, schema), on_change=changed)
+        if _form(schema) == "photo":
+            return PhotoField(self._site, _label(name, schema), changed)
+        return _field(self._site, name, schema, changed)
+
     def told(self) -> list[tuple[str, str]]:
-        """Each field's label and value, for the person who confirms them."""
+        """Each field's label and value, for the person who confirms them; without those that are empty."""
         return [
-            (_label(name, self._properties[name]), str(field.value)) for name, field in self.fields.items()
+            (_label(name, self._properties[name]), str(field.value) or field.options[""])
+            for name, field in self.fields.items()
+            if field.value is not None and (field.value != "" or hasattr(field, "options"))
         ]
 
 
-def _items(site: Site) -> dict[str, str]:
-    return {item.id: f"{item.id} ({item.item_class.value})" for item in site.items}
+class PhotoField(widgets.FileDrop):
+    """Puts a photo into the site's store; `value` is its name there."""
+
+    def __init__(self, site: Site, label: str, changed: Callable[[], None]) -> None:
+        self.value: str | None = None
+        self._site, self._changed = site, changed
+        super().__init__(
+            f"or drop it here. {label} (JPEG or PNG)",
+            "image/jpeg,image/png",
+            max_file_size=MAX_PHOTO_BYTES,
+            max_files=1,
+            on_upload=self._take,
+            on_rejected=lambda: ui.notify("One JPEG or PNG picture of at most 8 MB", type="warning"),
+        )
+        self.classes("whole")
+
+    async def _take(self, event: UploadEventArguments) -> None:
+        self.value = await frame.asked(photos.keep, self._site, await event.file.read())
+        self._changed()
 
 
 def _field(site: Site, name: str, schema: Json, changed: Callable[[], None]) -> Any:
     label, form = _label(name, schema), _form(schema)
     proposed = _shown(schema, next(iter(schema.get("examples", [])), None))
-    if form == "item":
-        items = _items(site)
-        return ui.select(items, value=next(iter(items), None), label=label, on_change=changed)
     if form == "robot":
         robots = [one.name for one in site.robots]
         return ui.select(robots, value=next(iter(robots), None), label=label, on_change=changed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from decimal import Decimal
 from functools import partial
 
@@ -38,6 +40,7 @@ from rodeo.judging.verdicts import (
     standing_words,
     verdict_words,
 )
+from rodeo.kinds import PHOTO
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from services.console.attempts import Attempt, attempts, ended_s
@@ -347,6 +350,7 @@ def _deadline(task: Task) -> str:
 def _draw_agreement(console: Console, task: Task) -> None:
     kinds, site = console.kinds, console.site
     live = task.state in LIVE_STATES
+    photos = kinds[task.kind].fields("photo") if task.kind in kinds else []
     with widgets.facts():
         widgets.fact("Creator", party(task.creator_name, task.creator))
         widgets.fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
@@ -368,7 +372,10 @@ def _draw_agreement(console: Console, task: Task) -> None:
         if task.refunded_iec:
             widgets.fact("Returned", worth(task.refunded_iec, site))
         for name, value in task.params.items():
-            widgets.fact(parameter(name), str(value)[:200], "wrap")
+            shown: str | Callable[[], object] = str(value)[:200]
+            if name in photos and re.match(PHOTO, str(value)):
+                shown = partial(widgets.picture, f"/files/photo/{value}", "Photo by the task's creator")
+            widgets.fact(parameter(name), shown, "wrap")
 
 
 _TRANSACTIONS: widgets.Columns[Transaction] = (

@@ -21,7 +21,7 @@ _ORACLES_REPORT = "Oracle's report"
 
 
 class TaskEvidence:
-    """Two cards of a task's page: the proof is drawn here and now, the report by `report_card`."""
+    """Cards of a task's page: the proof is drawn here and now, report and pictures by `report_card`."""
 
     def __init__(self, console: Console, task_id: int) -> None:
         self._console = console
@@ -36,6 +36,9 @@ class TaskEvidence:
     def report_card(self) -> None:
         with widgets.card(_ORACLES_REPORT) as self._report_head:
             self._report = widgets.Section(self._draw_report).waiting()
+        with ui.element("div") as self._album, widgets.card("Pictures"):
+            self._pictures = widgets.Section(widgets.pictures)
+        self._album.visible = False
 
     async def load(self, shown: Attempt | None, verdict: str) -> None:
         """Report, proof and who sealed it; `verdict` in words."""
@@ -55,9 +58,12 @@ class TaskEvidence:
         try:
             seal = await frame.ask(self._console.queries.seal, shown)
             devices = (await frame.ask(self._console.queries.ask, DEVICES)).devices
+            taken = await frame.ask(self._console.queries.pictures, shown)
         except RodeoError as error:
             self._proof.show(shown, {"Sealed by": explain(error)})
             return
+        self._album.visible = bool(taken)
+        self._pictures.show(taken)
         names = {one.address: one.name for one in self._console.live.summary.wallets}
         self._proof.show(shown, _seal_facts(seal, devices, names))
 

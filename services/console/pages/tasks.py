@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import uuid
 from decimal import Decimal, InvalidOperation
 from typing import Any
@@ -31,6 +32,8 @@ MAX_PAGES = 10**6
 MAX_SEARCH = 200
 """Characters, as many as the bridge takes."""
 _MAX_DIGITS = 18
+_BESIDE_M = 0.3
+"""A click so near to an item is about the item."""
 _STATES = ("open", "assigned", "submitted", "ruled", "settled", "failed", "cancelled")
 _ANY = ""
 _ANY_SERVICE = "any service"
@@ -268,15 +271,17 @@ class PostForm:
         """Propose where the item is seen now, or where the site file put it."""
         params = self._shown()
         item, x, y = params.field("item"), params.field("map-x"), params.field("map-y")
-        if item is not None and item.value is not None and x is not None and y is not None:
-            seen = self._console.live.map["items"].get(item.value)
-            if seen is not None and seen["fresh"]:
-                place = seen["x"], seen["y"]
-            else:
-                pose = next(one.pose for one in self._console.site.items if one.id == item.value)
-                place = pose.x_m, pose.y_m
-            x.value, y.value = (round(value, 2) for value in place)
+        if item is not None and item.value and x is not None and y is not None:
+            x.value, y.value = self._whereabouts(item.value)
         self._typed()
+
+    def _whereabouts(self, item_id: str) -> tuple[float, float]:
+        """Where the item is seen now, or where the site file put it."""
+        seen = self._console.live.map["items"].get(item_id)
+        if seen is not None and seen["fresh"]:
+            return round(seen["x"], 2), round(seen["y"], 2)
+        pose = next(one.pose for one in self._console.site.items if one.id == item_id)
+        return round(pose.x_m, 2), round(pose.y_m, 2)
 
     def _place(self) -> tuple[float, float] | None:
         x, y = self._shown().field("map-x"), self._shown().field("map-y")
@@ -284,9 +289,15 @@ class PostForm:
         return (x.value, y.value) if chosen else None
 
     def _picked(self, x_m: float, y_m: float) -> None:
-        x, y = self._shown().field("map-x"), self._shown().field("map-y")
-        if x is not None and y is not None:
-            x.value, y.value = x_m, y_m
+        """A click beside an item is about it; elsewhere about whatever lies there, where that can be done."""
+        item, x, y = (self._shown().field(form) for form in ("item", "map-x", "map-y"))
+        if x is None or y is None:
+            return
+        if item is not None and "" in item.options:
+            near = {one: math.dist(self._whereabouts(one), (x_m, y_m)) for one in item.options if one}
+            nearest = min(near, key=lambda one: near[one], default="")
+            item.value = nearest if near.get(nearest, math.inf) <= _BESIDE_M else ""
+        x.value, y.value = x_m, y_m
 
     def _typed(self) -> None:
         if hasattr(self, "map"):

@@ -14,6 +14,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from rodeo.bus.messages import Task
 from rodeo.display.formatting import STATE_COLOURS, count, kind, short
+from rodeo.text.strict_json import Json
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -184,6 +185,22 @@ class FileDrop(ui.upload):
             f"""<q-btn flat dense icon="add" label="Choose a file" @click="props.pickFiles" />
             <span>{words}</span><q-uploader-add-trigger />""",
         )
+
+
+def picture(source: str, alt: str) -> ui.element:
+    """A photo, as large as its place."""
+    image = ui.element("img")
+    image.props["src"], image.props["alt"] = source, alt
+    return image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
+
+
+def pictures(shown: list[Json]) -> None:
+    """Those of a recording side by side, as `replay.pictures` has them."""
+    with ui.element("div").classes("lab-pictures"):
+        for one in shown:
+            with ui.element("figure"):
+                picture(one["src"], f"Picture from {one['from']}")
+                Text("figcaption", f"{one['from']}, {one['t']:.0f} s")
 
 
 class _Redrawn(ui.element, component="section.js"):

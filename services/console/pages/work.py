@@ -218,7 +218,10 @@ class AuditorDesk:
             if task.standing is not None:
                 stands = _due(task).removeprefix(" · ")
                 widgets.notice(f"{stands[:1].upper()}{stands[1:]}.")
-            _draw_evidence(statement, known)
+            if self._console.kinds.by_people(task.kind):
+                _draw_evidence(statement, known)
+            else:
+                await self._draw_recording(task)
             ruling = ui.select(MEANINGS, value="accepted", label="Ruling").props("outlined dense")
             fault = ui.select({**FAULTS}, value="nobody", label="Whose doing it is").props("outlined dense")
             amount = ui.input("Pay (IEC)", value=f"{task.price_iec or 0:f}").props("outlined dense")
@@ -242,17 +245,23 @@ class AuditorDesk:
         except RodeoError as error:
             return statement, [f"Cannot load the proof's details: {explain(error)}"]
 
+    async def _draw_recording(self, task: Task) -> None:
+        """What a robot recorded: its pictures here, the rest on the task's page."""
+        try:
+            widgets.pictures(await frame.ask(self._console.queries.pictures, task))
+        except RodeoError as error:
+            widgets.notice(f"Cannot show the recording's pictures: {explain(error)}")
+        widgets.Link("The replay of the recording, and the oracle's report", f"/tasks/{task.id}")
+
 
 def _draw_evidence(statement: Statement | None, known: list[str]) -> None:
     if statement is None:
-        widgets.notice("The proof holds no statement to show. The task's page has the recording.")
+        widgets.notice("The proof holds no statement to show.")
     else:
         widgets.Text("p", f"“{statement.note}”", "wrap")
         for number, photo in enumerate(statement.photos, start=1):
             source = f"data:image/{photo_format(photo)};base64,{base64.b64encode(photo).decode()}"
-            image = ui.element("img").props(f'alt="Photo {number} of the work"')
-            image.props["src"] = source
-            image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
+            widgets.picture(source, f"Photo {number} of the work")
     with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
         for line in known:
             widgets.Text("li", line, "soft wrap")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from decimal import Decimal
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 from rich.console import Console
@@ -30,6 +32,8 @@ from rodeo.commands.treasury import Deposit
 from rodeo.display import formatting as display
 from rodeo.display.formatting import phrase
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
+from rodeo.lab.render import encode
+from rodeo.person import photos
 from rodeo.person.pace import running_out_s
 from rodeo.site.config import Site
 from rodeo_cli import (
@@ -198,6 +202,33 @@ def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
         task_params.task_params(Site.load(LAB), "waste", ["--item-id", "item1"], None)
     said = formatting.explain(refused.value, {})
     assert "no such kind" in said and "listed: battery_charging, waste_disposal" in said
+
+
+def test_a_place_is_one_option_and_a_photo_is_kept_in_the_store(tmp_path: Path) -> None:
+    site = Site.load(LAB).model_copy(update={"data_dir": tmp_path})
+    (tmp_path / "can.png").write_bytes(encode(np.zeros((8, 8, 3), np.uint8), ".png"))
+    flags = ["--at", "3.2,1.4", f"--photo={tmp_path / 'can.png'}", "--bin", "itrash"]
+    found = task_params.task_params(site, "waste_disposal", flags, None)
+    assert (found["x_m"], found["y_m"], found["bin"]) == (3.2, 1.4, "itrash")
+    assert photos.kept(site, found["photo"]) == (tmp_path / "can.png").read_bytes()
+    assert task_params.task_params(site, "waste_disposal", [], json.dumps(found)) == found
+
+
+@pytest.mark.parametrize(
+    ("kind", "flags", "words"),
+    [
+        ("waste_disposal", ["--at", "3.2"], "3.2,1.4"),
+        ("waste_disposal", ["--at", "3.2,1.4", "--photo", "no.jpg"], "cannot read the photo"),
+        ("waste_disposal", ["--at", "3.2,2.9"], "desk2 stands there"),
+        ("battery_charging", ["--at", "3.2,1.4"], "no such parameter"),
+    ],
+)
+def test_a_place_that_is_none_and_a_file_that_is_no_photo_are_refused(
+    kind: str, flags: list[str], words: str
+) -> None:
+    with pytest.raises(InvalidRequest) as refused:
+        task_params.task_params(Site.load(LAB), kind, flags, None)
+    assert words in formatting.explain(refused.value, {})
 
 
 def test_a_report_on_who_or_what_nobody_knows_is_refused() -> None:

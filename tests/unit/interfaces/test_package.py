@@ -172,6 +172,7 @@ def test_a_task_has_times_typed_parameters_and_what_is_unset() -> None:
         "x_m": "float64",
         "y_m": "float64",
         "bin": "string[<=1]",
+        "photo": "string[<=1]",
     }
 
 

@@ -126,7 +126,16 @@ class KinematicBody:
 
     def joints(self) -> Joints:
         self.interrupts.check()
-        return Joints(self.arm_rad.copy(), self.gripper_m)
+        return Joints(self.arm_rad.copy(), self.gripper_m, self.recent_efforts_nm())
+
+    def recent_efforts_nm(self) -> Vector:
+        """As if the arm weighed nothing itself."""
+        weight_n = next((9.81 * item.mass_kg for item in self.site.items if item.id == self.held), None)
+        if weight_n is None:
+            return np.zeros(len(self.arm_rad))
+        turned = self.arm_rad + 1e-6 * np.eye(len(self.arm_rad))
+        rises_m = [self._arm.forward(q).position_m[2] - self._pads()[2] for q in turned]
+        return weight_n * np.array(rises_m) / 1e-6
 
     def navigate(self, goal: Pose2, feedback: Any = None) -> None:
         self.interrupts.check()
@@ -198,7 +207,7 @@ class KinematicBody:
 class RayCamera:
     """The wrist camera of a `KinematicBody` in the site's world: depth by ray casting, with noise.
 
-    `blind`: it sees nothing but floor.
+    `blind`: it sees nothing but floor; `colourless`: it sends no pictures.
     """
 
     WIDTH, HEIGHT, FOVY_RAD, NOISE = 80, 60, 1.239, 0.005
@@ -208,7 +217,7 @@ class RayCamera:
         self._model = _world(body.site.model_dump_json())
         self._data = mujoco.MjData(self._model)
         self._chance = np.random.default_rng(1)
-        self.blind = False
+        self.blind = self.colourless = False
         self.looks = 0
         focal = self.HEIGHT / 2 / np.tan(self.FOVY_RAD / 2)
         cx, cy = (self.WIDTH - 1) / 2, (self.HEIGHT - 1) / 2
@@ -216,6 +225,11 @@ class RayCamera:
         columns, rows = np.meshgrid(np.arange(self.WIDTH), np.arange(self.HEIGHT))
         rays = np.stack([(columns - cx) / focal, (rows - cy) / focal, np.ones(columns.shape)], axis=-1)
         self._rays = rays.reshape(-1, 3)
+
+    def picture(self) -> bytes:
+        if self.colourless:
+            raise NoAnswer("the wrist camera sends no pictures")
+        return b"\x00\x01\x00\x00"
 
     def look(self) -> list[View]:
         self._body.interrupts.check()
@@ -296,6 +310,7 @@ class Notes:
         self.claimant = CLAIMANT
         self.notes: list[dict[str, Any]] = []
         self.awaited: list[str] = []
+        self.pictures: list[str] = []
         self.deaf = 0
         self.motion_s: list[tuple[float, float]] = []
         """From when on motion capture was waited for, and how long."""
@@ -303,6 +318,9 @@ class Notes:
 
     def note(self, payload: dict[str, Any]) -> None:
         self.notes.append(payload)
+
+    def picture(self, of: str, cdr: bytes) -> None:
+        self.pictures.append(of)
 
     def await_witness(self, item: str) -> None:
         self._interrupts.check()

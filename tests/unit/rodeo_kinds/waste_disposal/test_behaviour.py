@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from rodeo.evidence.recorder import Recorder
 from rodeo.lab.config import Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S
+from rodeo.lab.items import shape_of
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from rodeo.robot import bin as bin_module
@@ -25,6 +27,7 @@ from rodeo.site.config import Site
 from rodeo.witness.statement import Classification, Drop
 from rodeo_kinds.waste_disposal import delivery
 from rodeo_kinds.waste_disposal.behaviour import WasteDisposal, ordered
+from rodeo_kinds.waste_disposal.found import Found
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_kinds.waste_disposal.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo_testing.assignments import BINDING, ROBOT
@@ -88,7 +91,8 @@ class Scene:
         return [note["event"] for note in self.record.notes]
 
     def place(self, item: str) -> tuple[float, float]:
-        """Where the site file says that it lies."""
+        """Where the site file says that it lies; that of the first one without a name."""
+        item = item or ITEMS[0]
         pose = next((i.pose for i in self.site.items if i.id == item), self.site.robots[0].pose)
         return pose.x_m, pose.y_m
 
@@ -399,6 +403,51 @@ def test_another_item_at_the_place_is_not_mistaken_for_the_one_that_is_meant(sce
     scene.body.items["item1"] = Pose3((6.0, 4.0, 0.05), scene.body.items["item1"].quat_wxyz)
     with pytest.raises(TaskFailed, match="was not found near"):
         scene.dispose()
+
+
+@pytest.fixture
+def anything(tmp_path: Path) -> Scene:
+    """A lab whose items the robot does not know."""
+    scene = Scene(tmp_path)
+    site = scene.site.model_copy(update={"items": []})
+    memory = Memory(site, tmp_path / "nothing.json")
+    hands = manipulator(scene.site, scene.body, scene.camera, memory)
+    scene.cleaning = WasteDisposal(replace(scene.cleaning.robot, site=site, body=hands, memory=memory))
+    return scene
+
+
+@pytest.mark.parametrize("item", ITEMS)
+def test_whatever_lies_at_a_place_is_taken_measured_and_weighed(anything: Scene, item: str) -> None:
+    anything.cleaning.dispose("", anything.place(item), anything.cleaning.stations, anything.work)
+    assert (anything.body.dropped_in, anything.record.awaited) == ("yellow", ["panther1/gripper"])
+    assert anything.events == ["found", "releasing", "released"]
+    assert anything.record.pictures == ["before", "grip", "after"]
+    listed = next(one for one in anything.site.items if one.id == item)
+    noted, half = Found.model_validate_json(json.dumps(anything.record.notes[0])), shape_of(listed).half_m
+    assert noted.weight_n == pytest.approx(9.81 * listed.mass_kg, rel=0.05)
+    assert sorted(noted.size_m) == pytest.approx(sorted(2 * one for one in half), abs=0.02)
+    assert noted.size_m[1] / 2 == pytest.approx(half[1], abs=0.01)
+
+
+def test_a_wrist_without_colour_costs_nothing_but_the_pictures(anything: Scene) -> None:
+    anything.camera.colourless = True
+    anything.cleaning.dispose("", anything.place("item1"), anything.cleaning.stations, anything.work)
+    assert (anything.body.dropped_in, anything.record.pictures) == ("yellow", [])
+
+
+def test_an_item_of_the_site_is_not_taken_for_whatever_lies_at_a_place(scene: Scene) -> None:
+    with pytest.raises(TaskFailed, match="was not found near"):
+        scene.dispose("")
+    assert scene.body.held is None
+
+
+def test_a_task_by_place_is_given_back_where_it_cannot_be_proven(scene: Scene) -> None:
+    task = cleaning_chain_record(MOMENT, {"x_m": 4.6, "y_m": 1.2}).task
+    assert scene.cleaning.weigh(task, scene.body.base).duration_s > 0
+    lab = scene.site.lab.model_copy(update={"mocap_gripper": False})
+    blind = WasteDisposal(replace(scene.cleaning.robot, site=scene.site.model_copy(update={"lab": lab})))
+    with pytest.raises(TaskFailed, match="without markers"):
+        blind.weigh(task, scene.body.base)
 
 
 def test_a_robot_that_is_not_at_the_bin_need_not_clear_it(scene: Scene) -> None:
