@@ -74,7 +74,8 @@ Doubt = Callable[[Mapping[str, Any], Sequence[Task]], str]
 """Why a task with these parameters can probably not be done, judging by the tasks that name its subject, the
 newest first; empty if there is no reason."""
 Completion = Callable[[Site, Mapping[str, Any]], dict[str, Any]]
-"""Completes the parameters with values that follow from them at a site."""
+"""Completes the parameters with values that follow from them at a site. Raises InvalidRequest where nobody
+could prove the work there: the bridge then locks no reward for it."""
 Problems = Callable[[Site, Mapping[str, Any]], dict[str, str]]
 """Field of the parameters -> what to do about it, for parameters that fit the schema but not the site."""
 
@@ -156,8 +157,6 @@ class Kind:
     checks: str = ""
     harness: str = ""
     problems: Problems = _no_problems
-    unprovable: Problems = _no_problems
-    """Why nobody could prove a task with these parameters at the site: the bridge refuses it."""
     complete: Completion = _as_they_are
     subject: str = ""
     """The parameter that names the task's subject, if it has one."""
@@ -210,10 +209,6 @@ class Kind:
     def schema(self) -> dict[str, Any]:
         """JSON Schema of the parameters."""
         return self.params.model_json_schema() if self.params else dict(self.parameters)
-
-    def fields(self, form: str) -> list[str]:
-        """Names of the parameters of this format."""
-        return [name for name, one in self.schema.get("properties", {}).items() if one.get("format") == form]
 
     def wrong_fields(self, params: Mapping[str, Any]) -> dict[str, str]:
         """Field -> why it does not fit the schema."""
@@ -302,18 +297,8 @@ class Kinds(Mapping[str, Kind]):
         return name not in self or self[name].by_people
 
     def completed(self, name: str, params: Mapping[str, Any]) -> dict[str, Any]:
-        """The parameters with the values that follow from them at this site."""
+        """The parameters with the values that follow from them at this site. Raises InvalidRequest."""
         return self[name].complete(self._site, params) if name in self else dict(params)
-
-    def accepted(self, name: str, params: Mapping[str, Any]) -> dict[str, Any]:
-        """The completed parameters of a task that can be proven at this site. Raises InvalidRequest, which
-        names each wrong field."""
-        params = self.completed(name, params)
-        if name in self:
-            self[name].validate(params)
-            if wrong := self[name].unprovable(self._site, params):
-                raise InvalidRequest("nobody could prove this work here", kind=name, fields=wrong)
-        return params
 
     def providing(self, what: Literal["energy"]) -> Kind | None:
         """The kind that provides it, if the site lists one."""
@@ -403,6 +388,11 @@ def declared(config: KindConfig) -> Kind:
             max_s=kind.grace_period_s,
         )
     return kind
+
+
+def fields(kind: Kind, form: str) -> list[str]:
+    """The names of the kind's parameters of this format."""
+    return [name for name, one in kind.schema.get("properties", {}).items() if one.get("format") == form]
 
 
 def choose(what: str, known: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from rodeo.site.config import Site
 def task_params(site: Site, name: str, flags: Sequence[str], params: str | None) -> dict[str, Any]:
     """The task's parameters: the JSON object, what the options say, and what follows from both. A photo that
     they name is put into the site's store."""
-    from rodeo.kinds import kinds_of
+    from rodeo.kinds import fields, kinds_of
 
     values: dict[str, Any] = {}
     if params is not None:
@@ -38,7 +38,7 @@ def task_params(site: Site, name: str, flags: Sequence[str], params: str | None)
     values |= _flags(flags, properties)
     if kind is None:
         return values
-    values = _with_photos(site, kinds.completed(name, values), kind.fields("photo"))
+    values = _with_photos(site, kinds.completed(name, values), fields(kind, "photo"))
     if wrong := kind.wrong_params(site, values):
         raise InvalidRequest("the task's parameters are not valid", fields=wrong)
     return values

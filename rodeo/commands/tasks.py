@@ -109,7 +109,9 @@ class RegisterTask(Command):
     def _task_request(self, desk: Desk) -> TaskRequest:
         """The task as it is registered. Raises RequestError where it would not be accepted."""
         desk.require_kind(self.kind)
-        kind, params = desk.kinds.get(self.kind), desk.kinds.accepted(self.kind, self.params)
+        kind, params = desk.kinds.get(self.kind), desk.kinds.completed(self.kind, self.params)
+        if kind is not None:
+            kind.validate(params)
         text = json.dumps({"description": self.description, "params": params}, separators=(",", ":"))
         if len(text) > MAX_TEXT_BYTES:
             raise InvalidRequest(

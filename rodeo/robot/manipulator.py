@@ -249,7 +249,7 @@ class MobileManipulator(Driving):
         empty_nm = None
         if weighs:
             self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S)
-            empty_nm = self._efforts_nm()
+            empty_nm = _efforts_nm(self._body, self.wait)
             self._straight(point, closing, _DESCENT_RAD_S)
         held = Held(
             item_id=item.id,
@@ -263,7 +263,11 @@ class MobileManipulator(Driving):
             _check_grip(self._body.grip(0.0, _GRIP_FORCE_N).position_m)
             self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S)
             if empty_nm is not None:
-                held = held.model_copy(update={"weight_n": self._arm.weight_n(*self._felt(empty_nm))})
+                stands_rad, more_nm = (
+                    self._body.joints().arm_rad,
+                    _efforts_nm(self._body, self.wait) - empty_nm,
+                )
+                held = held.model_copy(update={"weight_n": self._arm.weight_n(stands_rad, more_nm)})
                 self._memory.took(held)
             _check_grip(self._body.joints().gripper_m)
         except GraspFailed:
@@ -273,27 +277,14 @@ class MobileManipulator(Driving):
             self.carry()
         return held
 
-    def _felt(self, empty_nm: Vector) -> tuple[Vector, Vector]:
-        """Where the arm stands, and by how much its joints push more than they did there without anything."""
-        return self._body.joints().arm_rad, self._efforts_nm() - empty_nm
-
-    def _efforts_nm(self) -> Vector:
-        """(joints,) of the arm at rest: the mean of some. Raises GraspFailed where they are not said."""
-        self.wait(_SETTLES_S)
-        felt = []
-        for _ in range(_FEELS):
-            self.wait(_BETWEEN_S)
-            if (now_nm := self._body.joints().efforts_nm) is None:
-                raise GraspFailed("the arm's joints do not say their torques, so nothing can be weighed")
-            felt.append(now_nm)
-        return np.asarray(np.mean(felt, axis=0))
-
     def held(self) -> Held | None:
         """The fingers close on it if they are neither closed nor open."""
         if self._fingers_apart():
             self._body.grip(0.0, _GRIP_FORCE_N)
             if self._fingers_apart():
-                return self._memory.held or self._unknown()
+                # What nobody remembers taking hangs as low as any item does.
+                unknown = Held(item_id="", place_m=self._below_pads(), hang_m=0.1, centre_m=0.0)
+                return self._memory.held or unknown
         if self._memory.held is not None:
             self._memory.let_go(self._below_pads())
         return None
@@ -301,10 +292,6 @@ class MobileManipulator(Driving):
     def _fingers_apart(self) -> bool:
         """Whether something keeps the fingers from closing, unless they are open."""
         return holds_something(self._body.joints().gripper_m)
-
-    def _unknown(self) -> Held:
-        """Something that nobody remembers taking; it hangs as low as any item does."""
-        return Held(item_id="", place_m=self._below_pads(), hang_m=0.1, centre_m=0.0)
 
     def _below_pads(self) -> Point:
         x_m, y_m, _ = self._arm.forward(self._body.joints().arm_rad).position_m
@@ -378,6 +365,18 @@ class MobileManipulator(Driving):
         """The same along a straight line."""
         target = pointing_down(point, closing_rad)
         self._body.follow(lambda now: self._arm.trajectory(self._arm.line(now, target), speed_rad_s))
+
+
+def _efforts_nm(body: RosBody, wait: Callable[[float], None]) -> Vector:
+    """(joints,) torques of the arm at rest: the mean of some. Raises GraspFailed where they are not said."""
+    wait(_SETTLES_S)
+    felt = []
+    for _ in range(_FEELS):
+        wait(_BETWEEN_S)
+        if (now_nm := body.joints().efforts_nm) is None:
+            raise GraspFailed("the arm's joints do not say their torques, so nothing can be weighed")
+        felt.append(now_nm)
+    return np.asarray(np.mean(felt, axis=0))
 
 
 def _check_grip(position_m: float) -> None:

@@ -90,7 +90,7 @@ class Sighting:
     misfit_m: float
     """Largest difference between the cluster's extents and the hull's."""
     size_m: tuple[float, float, float] | None = None
-    """Of what no site file lists: extents along the axes of that frame, x the longest over the floor."""
+    """Extents of what no site file lists, along the axes of that frame: x is the longest over the floor."""
 
 
 def cloud(views: Sequence[View]) -> Cloud:

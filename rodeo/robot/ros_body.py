@@ -424,7 +424,7 @@ class RosBody:
         return None if said is None else said.joints.gripper_m
 
     def recent_efforts_nm(self) -> Vector | None:
-        """Those of the arm a moment ago, None when nobody says them."""
+        """Torques of the arm's joints a moment ago, None when nobody says them."""
         said: _Said | None = self._joint_states.recent()
         return None if said is None else said.joints.efforts_nm
 

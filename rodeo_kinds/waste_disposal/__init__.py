@@ -4,7 +4,7 @@ from decimal import Decimal
 
 from rodeo.kinds import Kind, Recorded
 from rodeo.site.topics import BIN_IMAGE, BIN_LOAD, DOCK_OUTPUT, ITEM_POSE, ROBOT_STATE, WITNESS_STATEMENT
-from rodeo_kinds.waste_disposal.params import CleaningParams, complete, doubt, problems, unprovable
+from rodeo_kinds.waste_disposal.params import CleaningParams, complete, doubt, problems
 
 KIND = Kind(
     name="waste_disposal",
@@ -25,7 +25,6 @@ KIND = Kind(
     checks="rodeo_kinds.waste_disposal.checks:CHECKS",
     harness="rodeo_kinds.waste_disposal.harness:HARNESS",
     problems=problems,
-    unprovable=unprovable,
     complete=complete,
     subject="item_id",
     doubt=doubt,

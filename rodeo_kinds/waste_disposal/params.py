@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.bus.messages import Task
 from rodeo.charging.orders import Name, Number, shown
+from rodeo.errors import InvalidRequest
 from rodeo.kinds import PHOTO, choose, is_number
 from rodeo.lab.layout import BinLayout, furniture_floor
 from rodeo.site.config import Site
@@ -56,7 +57,9 @@ def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
 
 
 def complete(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
-    """With the place that the site file gives the item, where none is said."""
+    """With the place that the site file gives the item, where none is said. Raises InvalidRequest."""
+    if wrong := unprovable(site, params):
+        raise InvalidRequest("nobody could prove here what became of something without markers", fields=wrong)
     pose = next((item.pose for item in site.items if item.id == params.get("item_id")), None)
     return dict(params) if pose is None else {"x_m": pose.x_m, "y_m": pose.y_m, **params}
 

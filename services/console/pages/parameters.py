@@ -32,7 +32,7 @@ class Parameters:
             for name, schema in (kind.schema.get("properties", {}) if kind else {}).items()
             if schema.get("format") != "follows"
         }
-        anything = kind is not None and not kind.unprovable(site, {})
+        anything = kind is not None and kind.subject not in kind.problems(site, {})
         self._items = {item.id: f"{item.id} ({item.item_class.value})" for item in site.items} | (
             {"": "whatever lies at the place"} if anything else {}
         )

@@ -40,7 +40,7 @@ from rodeo.judging.verdicts import (
     standing_words,
     verdict_words,
 )
-from rodeo.kinds import PHOTO
+from rodeo.kinds import PHOTO, fields
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from services.console.attempts import Attempt, attempts, ended_s
@@ -350,7 +350,7 @@ def _deadline(task: Task) -> str:
 def _draw_agreement(console: Console, task: Task) -> None:
     kinds, site = console.kinds, console.site
     live = task.state in LIVE_STATES
-    photos = kinds[task.kind].fields("photo") if task.kind in kinds else []
+    photos = fields(kinds[task.kind], "photo") if task.kind in kinds else []
     with widgets.facts():
         widgets.fact("Creator", party(task.creator_name, task.creator))
         widgets.fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")

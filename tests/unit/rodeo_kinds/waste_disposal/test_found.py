@@ -95,9 +95,9 @@ def test_a_task_that_nobody_could_prove_is_refused_before_it_locks_a_reward() ->
     blind = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap_gripper": False})})
     for params in (HERE, HERE | {"item_id": ""}):
         with pytest.raises(InvalidRequest) as refused:
-            kinds_of(blind).accepted("waste_disposal", params)
+            kinds_of(blind).completed("waste_disposal", params)
         assert list(refused.value.details["fields"]) == ["item_id"]
-    listed = kinds_of(blind).accepted("waste_disposal", {"item_id": "item1"})
+    listed = kinds_of(blind).completed("waste_disposal", {"item_id": "item1"})
     assert listed == {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 
 
