@@ -35,8 +35,8 @@ class Found(BaseModel):
 
 
 def thing(size_m: tuple[float, float, float], pose: Pose2, **felt: float) -> MeasuredItem:
-    """What no site file lists, as a box that was measured; `felt` is its `mass_kg`, where that is known. Of
-    which class it is the bin says."""
+    """A thing that no site file lists, as the box that was measured; `felt` is its `mass_kg`, where that is
+    known. The bin says of which class it is."""
     return MeasuredItem(
         id=FOUND, item_class=ItemClass.TRASH, shape="carton", pose=pose, size_m=size_m, **felt
     )

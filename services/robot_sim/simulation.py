@@ -241,7 +241,7 @@ class Simulation:
 
     def __init__(self, site: Site, time_ns: int) -> None:
         self.site = site = site.model_copy(update={"items": [*site.items, *site.things]})
-        """Whose items are all that lies there."""
+        """The site, with all that lies there as its items."""
         self.time_ns = time_ns
         self._stalled_ns = 0
         self._to_settle = 0

@@ -195,7 +195,7 @@ def picture(source: str, alt: str) -> ui.element:
 
 
 def pictures(shown: list[Json]) -> None:
-    """Those of a recording side by side, as `replay.pictures` has them."""
+    """The pictures of a recording side by side, as `replay.pictures` has them."""
     with ui.element("div").classes("lab-pictures"):
         for one in shown:
             with ui.element("figure"):
