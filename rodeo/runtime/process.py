@@ -118,11 +118,11 @@ class Process:
             except BaseException:
                 self.bus.close()
                 raise
-        self.clock = (
-            WallClock()
-            if self.site.clock.source == "wall"
-            else SimClock(self.bus.session, self.site.bus.domain_id, self._holder(), starting=True)
-        )
+        if self.site.clock.source == "wall":
+            self.clock = WallClock()
+        else:
+            domain_id, end = self.site.bus.domain_id, self.stop
+            self.clock = SimClock(self.bus.session, domain_id, self._holder(), starting=True, end=end)
         self.clock_check = ClockCheck(self.site, self.name, self.clock, self.bus)
         looks = self.status, self._look, self._state.hangs
         self._presence = Presence(self.name, self.site, self.bus, self.stop, *looks)

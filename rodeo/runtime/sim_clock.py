@@ -24,6 +24,9 @@ log = logging.getLogger(__name__)
 _SILENT_S = 3.0
 """Wall time without a message after which a speaker that is in no ROS graph counts as gone."""
 
+_UNSTOPPED_S = 2.0
+"""Longest uninterrupted wall wait of a thread that is woken at the process's end."""
+
 _WARNED_S = 30.0
 """Wall time for which the process's state names a second speaker, and before the log repeats it."""
 
@@ -42,6 +45,7 @@ class SimClock:
     Args:
         holder: organization and process for which the clock waits (`rodeo.bus.holding`); None only follows.
         starting: whether the process still gets ready, and says so by `started`.
+        end: the process's. Waits with this `stop` are woken by it, and need not look again and again.
     """
 
     _CDR = struct.Struct("<H2xiI")
@@ -55,8 +59,10 @@ class SimClock:
         domain_id: int,
         holder: tuple[str, str] | None = None,
         starting: bool = False,
+        end: threading.Event | None = None,
     ) -> None:
         self._now_ns: int | None = None
+        self._end = end
         # Imported here: ROS types take half a second, and a command about a wall clock needs none.
         from rodeo.ros2 import wire
 
@@ -88,6 +94,13 @@ class SimClock:
         self._subscriber = session.declare_subscriber(
             f"{domain_id}/{topics.CLOCK.name()}/**", direct(self._on_clock)
         )
+        if end is not None:
+            threading.Thread(target=self._wake_at_the, args=(end,), name="end", daemon=True).start()
+
+    def _wake_at_the(self, end: threading.Event) -> None:
+        end.wait()
+        with self._changed:
+            self._changed.notify_all()
 
     def _on_graph(self, sample: zenoh.Sample) -> None:
         token = str(sample.key_expr)
@@ -188,6 +201,7 @@ class SimClock:
         end_s = math.inf if wall_s is None else time.monotonic() + wall_s
         until_ns = None if until_s is None or math.isinf(until_s) else math.ceil(until_s * 1e9)
         waiter = self._waiter(until_ns, resting, done if check is None else lambda: True)
+        slice_s = _UNSTOPPED_S if check is None and stop is not None and stop is self._end else WALL_SLICE_S
         with self._changed:
             self._waiters.append(waiter)
             try:
@@ -199,7 +213,7 @@ class SimClock:
                     waiter.until_ns = self._next_look_ns(until_ns, every_s)
                     if waiter.news == waiter.seen:
                         self._publish_hold()
-                        self._changed.wait(min(left_s, WALL_SLICE_S))
+                        self._changed.wait(min(left_s, slice_s))
                     news = waiter.news
                     if check is not None:
                         # What is only looked at holds nothing, unless it is for something that arrived.

@@ -21,7 +21,7 @@ from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
-from rodeo_testing.waiting import wait_until
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.nodes import make_node as make_node
 from tests.support.nodes import router_port as router_port
 
@@ -117,6 +117,20 @@ def test_who_may_speak_and_what_is_said_are_heard_in_the_order_in_which_they_arr
     monkeypatch.setattr("rodeo.runtime.sim_clock.direct", noted)
     SimClock(make_node("follower").session, 0).close()
     assert received == ["_on_graph", "_on_clock"]
+
+
+def test_the_end_of_its_process_ends_a_wait_at_once(
+    make_node: MakeNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rodeo.runtime.sim_clock._UNSTOPPED_S", 2 * HANG_S)
+    end = threading.Event()
+    clock = SimClock(make_node("follower").session, 0, end=end)
+    waiting = threading.Thread(target=clock.wait_for, args=(lambda: False, end))
+    waiting.start()
+    end.set()
+    waiting.join(HANG_S)
+    assert not waiting.is_alive()
+    clock.close()
 
 
 def test_the_last_words_of_the_speaker_are_no_second_speakers(
