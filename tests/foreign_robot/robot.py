@@ -123,7 +123,8 @@ class Base:
 
 
 class Robot:
-    def __init__(self, arguments: argparse.Namespace) -> None:
+    def __init__(self, arguments: argparse.Namespace, network: Any) -> None:
+        """`network` is a `Network`, or has the same methods."""
         self._body_name, self._item_name = arguments.body, arguments.item
         self._ns = arguments.namespace
         self._radius_m, self._half_height_m = arguments.item_radius, arguments.item_half_height
@@ -153,7 +154,7 @@ class Robot:
         spec.compiler.fusestatic = False
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
-        self._network = Network(arguments.port)
+        self._network = network
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._open_publishers()
         self._serve()
@@ -228,22 +229,25 @@ class Robot:
     # -- going on ----------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Live by the lab's clock: what happens between two of its messages happens in steps of 20 ms."""
+        """Live by the lab's clock."""
         while True:
-            now_s = self._listen()
-            if self._time_s is None:
-                self._time_s = now_s - STEP_S
-            while self._time_s + STEP_S <= now_s + 1e-4:
-                self._time_s += STEP_S
-                # On a machine that is late the robot waits: the lab must see all that it does.
-                change = PACE_PER_STEP if now_s - self._time_s < LATE_S else -PACE_PER_STEP
-                self._pace = min(1.0, max(0.0, self._pace + change))
-                if self._pace > 0:
-                    self._moved_s += STEP_S * self._pace
-                    self._move(STEP_S * self._pace)
-                self._publish(self._time_s)
-                self._tick += 1
-            self._tell_the_lab()
+            self.live_until(self._listen())
+
+    def live_until(self, now_s: float) -> None:
+        """Do in steps of 20 ms what happens meanwhile."""
+        if self._time_s is None:
+            self._time_s = now_s - STEP_S
+        while self._time_s + STEP_S <= now_s + 1e-4:
+            self._time_s += STEP_S
+            # On a machine that is late the robot waits: the lab must see all that it does.
+            change = PACE_PER_STEP if now_s - self._time_s < LATE_S else -PACE_PER_STEP
+            self._pace = min(1.0, max(0.0, self._pace + change))
+            if self._pace > 0:
+                self._moved_s += STEP_S * self._pace
+                self._move(STEP_S * self._pace)
+            self._publish(self._time_s)
+            self._tick += 1
+        self._tell_the_lab()
 
     def _listen(self) -> float:
         """The newest time of the lab's clock; goals that came meanwhile are begun."""
@@ -652,7 +656,8 @@ def main() -> None:
     parser.add_argument("--item", required=True, help="an upright cylinder that it can take")
     parser.add_argument("--item-radius", type=float, required=True)
     parser.add_argument("--item-half-height", type=float, required=True)
-    Robot(parser.parse_args()).run()
+    arguments = parser.parse_args()
+    Robot(arguments, Network(arguments.port)).run()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import pytest
 
 from rodeo.site.processes import processes_of
 from rodeo.site.providers import SIMULATOR, devices
-from tests.support.reallab import RealLab
+from tests.support.reallab import RealLab, work
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -19,9 +19,10 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealLab]:
         yield lab
 
 
-def test_a_lab_without_the_simulator_pays_for_two_cleanings_and_a_charge(lab: RealLab) -> None:
+def test_a_lab_without_the_simulator_pays_for_two_robots_cleanings_and_a_charge(lab: RealLab) -> None:
     assert {one.source for one in devices(lab.site)} == {"natnet", "ros2", "modbus"}
     assert SIMULATOR not in {one.name for one in processes_of(lab.site)}
-    tasks = [lab.clean(item.id) for item in lab.site.items]
-    assert {lab.paid(one)["executor_name"] for one in tasks} == {lab.site.robots[0].name}
-    assert lab.paid(lab.charge())["kind"] == "battery_charging"
+    paid = [(one["kind"], one["creator_name"], one["executor_name"]) for one in work(lab)]
+    first, second = lab.robots
+    assert [executor for kind, _, executor in paid if kind == "waste_disposal"] == [first, second]
+    assert [creator for kind, creator, _ in paid if kind == "battery_charging"] == [first]

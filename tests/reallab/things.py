@@ -50,7 +50,7 @@ class Things:
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self._time_s: float | None = None
-        self.held: str | None = None
+        self._held: set[str] = set()
         self._scales = {self.model.body(f"bin/{name}").id: name for name in self._bin["compartments"]}
         yaw = self._bin["yaw_rad"]
         self._ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
@@ -79,12 +79,12 @@ class Things:
 
     def carry(self, item: str, position_m: np.ndarray, quaternion: np.ndarray) -> None:
         """It is where the hand has it, until somebody lets go of it."""
-        self.held = item
+        self._held.add(item)
         self._put(item, position_m, quaternion)
 
     def let_go(self, item: str, position_m: np.ndarray, quaternion: np.ndarray) -> None:
         self._put(item, position_m, quaternion)
-        self.held = None
+        self._held.discard(item)
 
     def lay(self, item: str) -> None:
         """A person puts it back to where it lay at first."""
@@ -102,12 +102,12 @@ class Things:
         """Let time pass."""
         if self._time_s is None:
             self._time_s = now_s
-        held = None if self.held is None else (self.held, *self.pose_set(self.held))
+        held = [(item, *self.pose_set(item)) for item in self._held]
         while self._time_s + STEP_S <= now_s:
             self._time_s += STEP_S
             mujoco.mj_step(self.model, self.data)
-            if held is not None:
-                self._put(*held)
+            for one in held:
+                self._put(*one)
         mujoco.mj_forward(self.model, self.data)
 
     def pose_set(self, item: str) -> tuple[np.ndarray, np.ndarray]:

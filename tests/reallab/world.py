@@ -4,7 +4,8 @@
     meter and contactor    Modbus TCP
     load cells             Modbus TCP
     camera                 MJPEG over HTTP
-    robot                  ROS 2 by rmw_zenoh, see tests/foreign_robot
+    first robot            ROS 2 by rmw_zenoh, see tests/foreign_robot
+    second robot           the same with a stock DDS: the plain keys of zenoh-bridge-ros2dds
 
 python tests/reallab/world.py WORLD.json; the file is described in tests/support/reallab.py. Lines of JSON on
 its input unplug devices, or make them lie.
@@ -21,23 +22,29 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from actions import ABORTED
 from cable import Cable
 from cells import Cells
+from interfaces import PARTS, Network
 from motive import Motive
-from power import Power
+from power import Battery, Power
 from robot import IN_AND_OUT_M, Robot
+from stock_dds import StockDds
 from things import Things
 from video import Video
 
 from rodeo_testing.modbus import Panel
 
 TURN_S = 0.02
+APART_M = 1.0
+"""Distance from another robot, middle to middle: nearer to it, a robot drives to no place."""
+GOAL_OCCUPIED = 206
+"""nav2_msgs/action/ComputePathToPose."""
 NEAR_M = 0.3
 """So near to where it parks something is ahead of it."""
 FASTEST_M_S, FASTEST_RAD_S = 0.7, 0.9
@@ -45,47 +52,57 @@ FASTEST_M_S, FASTEST_RAD_S = 0.7, 0.9
 
 
 class LabRobot(Robot):
-    """The robot in this world, by the machine's clock.
+    """A robot in this world, by the machine's clock.
 
     Args:
-        moved: called after each turn, when robot and items are where they are then.
+        told: what is known of it.
+        things: what it can take.
+        parking: places which it drives into and out of straight.
     """
 
-    def __init__(self, told: dict[str, Any], things: Things, moved: Callable[[], None]) -> None:
-        self._things, self._moved = things, moved
-        robot, name = told["robot"], next(iter(told["items"]))
-        item = told["items"][name]
-        super().__init__(
-            argparse.Namespace(
-                port=0,
-                namespace=robot["namespace"],
-                body=robot["name"],
-                urdf=robot["urdf"],
-                pose=robot["pose"],
-                item=name,
-                item_radius=item["radius_m"],
-                item_half_height=item["half_height_m"],
-            )
+    def __init__(
+        self, told: dict[str, Any], things: Things, parking: list[tuple[float, float]], battery: Battery
+    ) -> None:
+        self._things, self._parking, self._battery = things, parking, battery
+        name, item = next(iter(things.items.items()))
+        arguments = argparse.Namespace(
+            namespace=told["namespace"],
+            body=told["name"],
+            urdf=told["urdf"],
+            pose=told["pose"],
+            item=name,
+            item_radius=item["radius_m"],
+            item_half_height=item["half_height_m"],
         )
-        self.name, self.capacity_ah = robot["name"], told["battery"]["capacity_ah"]
-        self._hand = robot["hand"]
+        bridge = told["bridge"]
+        super().__init__(arguments, Network(0) if bridge is None else StockDds(bridge, PARTS))
+        self.name, self.capacity_ah = told["name"], told["battery"]["capacity_ah"]
+        self.is_on = True
+        """Whether its computer is on."""
+        self.others: list[LabRobot] = []
+        self._hand = told["hand"]
         self.base.fastest_m_s, self.base.fastest_rad_s = FASTEST_M_S, FASTEST_RAD_S
-        self._parking = told["parking"]
         self._drawn_s = time.monotonic()
         self._place()
-        self._pause = threading.Event()
 
     def _join_lab(self) -> None:
         """There is nobody who would have to be told."""
 
-    def _listen(self) -> float:
-        self._pause.wait(TURN_S)
+    def turn(self, now_s: float) -> None:
         while not self._inbox.empty():
             kind, goal = self._inbox.get()
-            if kind == "drive":
+            if kind != "drive":
+                self._begin(kind, goal)
+            elif self._is_free(goal.request.pose.pose.position):
                 self._prepare(goal.request.pose.pose.position)
-            self._begin(kind, goal)
-        return time.time()
+                self._begin(kind, goal)
+            else:
+                goal.end(ABORTED, error_code=GOAL_OCCUPIED)
+        self.live_until(now_s)
+
+    def _is_free(self, goal: Any) -> bool:
+        """Whether no other robot stands there."""
+        return all(math.dist((one.base.x_m, one.base.y_m), (goal.x, goal.y)) > APART_M for one in self.others)
 
     def _prepare(self, goal: Any) -> None:
         """Drive straight into and out of bin and dock alone: elsewhere something may be behind it."""
@@ -96,31 +113,30 @@ class LabRobot(Robot):
         return any(math.dist((x_m, y_m), place) < NEAR_M for place in self._parking)
 
     def _tell_the_lab(self) -> None:
-        things, now_s = self._things, time.time()
         if self._let_go is not None:
-            things.let_go(self._item_name, *self._let_go)
+            self._things.let_go(self._item_name, *self._let_go)
             self._let_go = None
         elif self._in_hand is not None:
-            things.carry(self._item_name, *self._carried())
-        things.pass_until(now_s)
-        if self._in_hand is None:
-            grasp, _ = self._in_map("grasp")
-            self._look_at(things.nearest_item(float(grasp[0]), float(grasp[1])))
-        self._moved()
+            self._things.carry(self._item_name, *self._carried())
 
-    def _look_at(self, name: str) -> None:
-        item = self._things.items[name]
-        self._item_name, self._item = name, self._things.pose(name)
+    def look(self) -> None:
+        """See what lies before it, once the things are where they are now."""
+        if self._in_hand is not None:
+            return
+        things, (grasp, _) = self._things, self._in_map("grasp")
+        name = things.nearest_item(float(grasp[0]), float(grasp[1]))
+        item = things.items[name]
+        self._item_name, self._item = name, things.pose(name)
         self._radius_m, self._half_height_m = item["radius_m"], item["half_height_m"]
 
-    def draw(self, power: Power) -> None:
+    def draw(self) -> None:
         """Take from the battery what this turn takes, and read its gauge."""
-        base = self.base
+        base, battery = self.base, self._battery
         works = bool(base.legs) or self._trajectory is not None or self._grip is not None
         now_s = time.monotonic()
-        power.flow(now_s - self._drawn_s, power.docked(base.x_m, base.y_m, base.yaw_rad), works)
+        battery.flow(now_s - self._drawn_s, (base.x_m, base.y_m, base.yaw_rad), works)
         self._drawn_s = now_s
-        self.voltage_v, self.current_a, self.soc = power.voltage_v, power.current_a, power.soc
+        self.voltage_v, self.current_a, self.soc = battery.voltage_v, battery.current_a, battery.soc
 
     def poses(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Where the markers on its base and on its gripper are."""
@@ -144,23 +160,33 @@ class World:
         """`device`, and `what` of it to set to which `value`; or an item that is to be laid back."""
         self.things = Things(told)
         outside, inside = told["ports"], told["inside"]
-        # The robot's first: it connects at once.
         for name in inside:
             setattr(self, f"{name}_cable", Cable(outside[name], inside[name]))
-        self.robot = LabRobot(told, self.things, self._turn)
+        self.panel = Panel(inside["meter"])
+        batteries = [one["battery"] for one in told["robots"]]
+        self.power = Power(batteries[0], told["dock"], self.panel)
+        powered = [self.power, *map(Battery, batteries[1:])]
+        self._robots = [
+            LabRobot(one, self.things, told["parking"], battery)
+            for one, battery in zip(told["robots"], powered, strict=True)
+        ]
+        for robot in self._robots:
+            robot.others = [one for one in self._robots if one is not robot]
+        self.robot, self.second = self._robots
         self._poses: dict[str, Any] = {}
         self._weights_n: list[float] = []
         self._range_m = math.inf
         self._shown: str | None = None
-        self.panel = Panel(inside["meter"])
-        self.power = Power(told, self.panel)
         self._look()
         self.motive = Motive(outside["natnet"], list(self._poses), lambda: self._poses)
         self.cells = Cells(inside["cells"], lambda: [self._range_m, *self._weights_n])
         self.video = Video(inside["camera"], self._picture)
 
     def _turn(self) -> None:
-        """After each of the robot's."""
+        for robot in self._robots:
+            if robot.is_on:
+                robot.turn(time.time())
+        self.things.pass_until(time.time())
         while not self.orders.empty():
             self._obey(self.orders.get())
         self._look()
@@ -168,10 +194,14 @@ class World:
     def _look(self) -> None:
         """What the sensors see: replaced as a whole, for the threads that serve it."""
         things = self.things
-        self._poses = {**self.robot.poses(), **{name: things.pose(name) for name in things.items}}
+        poses = {name: things.pose(name) for name in things.items}
+        for robot in self._robots:
+            robot.look()
+            robot.draw()
+            poses |= robot.poses()
+        self._poses = poses
         self._weights_n = list(things.weights_n().values())
         self._range_m, self._shown = things.nearest_m(), things.shown()
-        self.robot.draw(self.power)
 
     def _picture(self) -> bytes:
         shown = self._shown
@@ -198,7 +228,9 @@ class World:
         threading.Thread(target=self.listen, daemon=True).start()
         with self.panel:
             print("the lab is there", flush=True)
-            self.robot.run()
+            pause = threading.Event()
+            while not pause.wait(TURN_S):
+                self._turn()
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.lab.world import arm_model, robot_model
 from rodeo.site import tls, topics
 from rodeo.site.config import Site
-from rodeo.site.minds import AGENT
+from rodeo.site.names import robot_process
 from rodeo.site.processes import processes_of
 from rodeo.site.topics import BODY
 from rodeo_testing.waiting import HANG_S, wait_until
@@ -41,12 +41,13 @@ ROOT = Path(__file__).parents[2]
 REALLAB = ROOT / "deploy" / "sites" / "reallab.toml"
 PROGRAMS = ROOT / "tests" / "reallab"
 _PATHS = (ROOT, PROGRAMS, ROOT / "tests" / "foreign_robot", ROOT / "examples")
-PORTS = ("natnet", "meter", "cells", "camera", "robot")
+PORTS = ("natnet", "meter", "cells", "camera", "robot", "relay")
 FINE = ("resolution_wh = 10.0", "resolution_wh = 0.1")
 """The register of an SDM120 moves in steps that confirm no charge of so small a battery."""
 CHARGED = 0.7
 """State of charge with which a case begins: the robot buys no charge by itself."""
-SPEAKERS = (AGENT, "oracle", "charger")
+SPEAKERS = ("oracle", "charger", "mocap", "itrash")
+RELAY = "relay"
 CABLES = ("meter", "cells", "camera")
 """Devices on TCP whose cables can be pulled. The robot's is between it and the router."""
 
@@ -72,7 +73,12 @@ meter = {{ source = "modbus", address = "tcp://127.0.0.1:{ports["meter"]}", mode
 name = "arthur"
 body = "ros2"
 pose = {{ x_m = 3.6, y_m = 2.6 }}
-battery = {{ capacity_wh = 30, capacity_ah = 0.82, soc = 0.8 }}
+battery = {{ capacity_wh = 30, capacity_ah = 0.82, soc = 0.72 }}
+
+[[robots]]
+name = "berta"
+body = "ros2"
+pose = {{ x_m = 6.0, y_m = 1.0, yaw_rad = 1.57 }}
 """
     )
     return path
@@ -80,9 +86,8 @@ battery = {{ capacity_wh = 30, capacity_ah = 0.82, soc = 0.8 }}
 
 def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
     """What a person would have measured for the world."""
-    bin_ = BinLayout(site.bins[0])
-    config, robot, dock = bin_.config, site.robots[0], site.docks[0]
-    battery, parking = robot.battery, dock_parking(dock)
+    bin_, dock = BinLayout(site.bins[0]), site.docks[0]
+    config, parking = bin_.config, dock_parking(dock)
     half_m = [size / 2 for size in config.compartment_size_m]
     items = {}
     for item in site.items:
@@ -106,12 +111,6 @@ def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
                 for name in config.compartments
             },
         },
-        "battery": {
-            "capacity_ah": battery.capacity_ah,
-            "resistance_ohm": battery.resistance_ohm,
-            "idle_w": battery.idle_power_w,
-            "soc": battery.soc,
-        },
         "parking": [(one.x_m, one.y_m) for one in (parking, bin_.parking)],
         "dock": {
             "x_m": parking.x_m,
@@ -122,14 +121,29 @@ def measured(site: Site, ports: dict[str, int], urdf: Path) -> dict[str, Any]:
             "voltage_v": dock.voltage_v,
             "current_a": dock.current_a,
         },
-        "robot": {
-            "name": robot.name,
-            "namespace": robot.namespace,
-            "urdf": str(urdf),
-            "hand": {"body": gripper_body(robot.name), "link": arm_model(robot.kinematics).hand},
-            "pose": [robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad],
-        },
+        "robots": [
+            {
+                "name": robot.name,
+                "namespace": robot.namespace,
+                "urdf": str(urdf),
+                "hand": {"body": gripper_body(robot.name), "link": arm_model(robot.kinematics).hand},
+                "pose": [robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad],
+                "battery": {
+                    "capacity_ah": robot.battery.capacity_ah,
+                    "resistance_ohm": robot.battery.resistance_ohm,
+                    "idle_w": robot.battery.idle_power_w,
+                    "soc": robot.battery.soc,
+                },
+                "bridge": relay(ports) if robot.name != site.robots[0].name else None,
+            }
+            for robot in site.robots
+        ],
     }
+
+
+def relay(ports: dict[str, int]) -> str:
+    """Where the second robot's bridge connects."""
+    return f"tcp/127.0.0.1:{ports['relay']}"
 
 
 def _ends(event: DaoEvent) -> bool:
@@ -150,8 +164,8 @@ class RealLab:
         self.ports = {name: free_port() for name in PORTS}
         self.running = RunningSite(write_reallab(folder, self.ports, extra))
         self.site = self.running.site
-        urdf = folder / "arthur.urdf"
-        urdf.write_text(to_urdf(robot_model(), self.site.robots[0].name))
+        urdf = folder / "robot.urdf"
+        urdf.write_text(to_urdf(robot_model(), "robot"))
         self._world_file = folder / "world.json"
         inside = {name: free_port() for name in CABLES} | {"robot": _port(self.site.bus.router)}
         told = measured(self.site, self.ports, urdf) | {"inside": inside}
@@ -163,12 +177,27 @@ class RealLab:
         self._logs.mkdir(parents=True, exist_ok=True)
         self._world: subprocess.Popen[bytes] | None = None
         self.events: list[DaoEvent] = []
+        self._posted: set[int | None] = set()
         self._changed = threading.Condition()
         self._heard: DaoEvents | None = None
+
+    @property
+    def robots(self) -> tuple[str, str]:
+        """The robot that runs rmw_zenoh, and the one with a stock DDS behind a relay."""
+        first, second = self.site.robots
+        return first.name, second.name
+
+    @property
+    def agents(self) -> tuple[str, str]:
+        """The processes that are their minds."""
+        first, second = self.robots
+        return robot_process(self.site, first), robot_process(self.site, second)
 
     def __enter__(self) -> Self:
         ensure_certificates(self.site)
         try:
+            self.running.start("router")
+            self._start_relay()
             self.running.start_founded("bridge", ready=False)
             self._start_world()
             self._start_bin()
@@ -204,8 +233,28 @@ class RealLab:
                 env=env,
             )
 
+    def _start_relay(self) -> None:
+        """Start the relay on the second robot's computer, where the robot's bridge finds it."""
+        words = [
+            "ros2",
+            "relay",
+            self.robots[1],
+            "--listen",
+            relay(self.ports),
+            "--site",
+            str(self.running.path),
+        ]
+        with (self._logs / f"{RELAY}.log").open("ab") as output:
+            self.running.children[RELAY] = subprocess.Popen(
+                [sys.executable, "-m", "rodeo_cli", *words],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
     def _start_world(self) -> None:
-        shown = tls.identity(self.site, f"{BODY}.{self.site.robots[0].name}")
+        shown = tls.identity(self.site, f"{BODY}.{self.robots[0]}")
         assert shown is not None
         settings = {
             "mode": "client",
@@ -215,7 +264,7 @@ class RealLab:
         override = ";".join(f"{key}={json.dumps(value)}" for key, value in settings.items())
         env = self._environment(ZENOH_CONFIG_OVERRIDE=override)
         env.pop(PARENT_VARIABLE, None)
-        self.running.wait_ready("router")
+        wait_until(lambda: "are carried" in self.log(RELAY), lambda: self.log(RELAY))
         self._world = self._program("world.py", str(self._world_file), log="world", env=env)
         wait_until(lambda: "the lab is there" in self.log("world"), lambda: self.log("world"))
 
@@ -229,6 +278,12 @@ class RealLab:
         name = self.site.bins[0].name
         program = self._program("lab_bin.py", "--site", str(self.running.path), log=name, env=env)
         self.running.children[name] = program
+
+    @property
+    def pids(self) -> list[int]:
+        """Its processes now, each of which has a session of its own."""
+        world = [] if self._world is None else [self._world]
+        return [one.pid for one in (*world, *self.running.children.values())]
 
     def log(self, name: str) -> str:
         return self.running.log(name)
@@ -279,37 +334,70 @@ class RealLab:
         params = {"item_id": item_id, "x_m": pose.x_m, "y_m": pose.y_m}
         request = {"kind": "waste_disposal", "reward_iec": "100", "params": params, "max_attempts": 1}
         key = topics.COMMAND.name(org=self.site.org, participant="organization", command="register_task")
-        return int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
+        task_id = int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
+        self._posted.add(task_id)
+        return task_id
 
     def charge(self) -> int:
-        """Order the robot to the dock; the number of the charge that it buys."""
-        posted = {one.task_id for one in self.events}
-        robot = self.site.robots[0].name
-        key = topics.ROBOT_ORDER.name(org=self.site.org, robot=robot, order="charge")
-        self.running.bus.query(key, timeout_s=HANG_S)
+        """Order the first robot to the dock; the number of the charge that it buys."""
+        posted = self._posted | {one.task_id for one in self.events}
+        self.tell(self.robots[0], "charge")
+
+        def bought() -> int | None:
+            return next((one.task_id for one in self.events if one.task_id not in posted), None)
+
         with self._changed:
-            self._changed.wait_for(lambda: any(one.task_id not in posted for one in self.events), HANG_S)
-            return next(int(one.task_id or 0) for one in self.events if one.task_id not in posted)
+            task_id = self._changed.wait_for(bought, HANG_S)
+        assert task_id is not None, self.log(self.agents[0])
+        return task_id
+
+    def tell(self, robot: str, order: str) -> None:
+        """Give an order to a robot, as `rodeo robot` does."""
+        key = topics.ROBOT_ORDER.name(org=self.site.org, robot=robot, order=order)
+        self.running.bus.query(key, timeout_s=HANG_S)
+
+    def stand_by(self) -> None:
+        """Let the second robot take no work."""
+        self.tell(self.robots[1], "pause")
+        assert self.sees(self.agents[1], lambda status: "paused" in status.activity, HANG_S)
+
+    def join(self) -> None:
+        """Let the second robot work again; returns when it has offered its work."""
+        self.tell(self.robots[1], "resume")
+        assert self.sees(self.agents[1], lambda status: "idle" in status.activity, HANG_S)
+
+    def send_away(self) -> None:
+        """Let the second robot stand by, and switch its computers off."""
+        self.stand_by()
+        self.running.kill(self.agents[1])
+        self.running.kill(RELAY)
+        self.order("second", "is_on", False)
 
     def tidy(self) -> None:
         """Put the items back, and leave the battery room for a short charge, while the robot has nothing to
         do."""
-        assert self.sees(AGENT, lambda status: status.ready and "idle" in status.activity, HANG_S)
+        assert self.sees(self.agents[0], lambda status: status.ready and "idle" in status.activity, HANG_S)
         for item in self.site.items:
             self.order(item.id)
         self.order("power", "soc", CHARGED)
-        self._written = {name: len(self._text(name)) for name in (*SPEAKERS, "mocap", "itrash")}
+        self._written = {name: len(self._text(name)) for name in (self.agents[0], *SPEAKERS)}
 
     def sees(self, process: str, holds: Callable[[Status], bool], limit_s: float) -> bool:
-        """Whether this holds for the status of the process within the time."""
-        key, pause = topics.STATUS.name(org=self.site.org, process=process), threading.Event()
-        deadline_s = time.monotonic() + limit_s
-        while time.monotonic() < deadline_s:
-            with suppress(BusError):
-                if holds(Status.model_validate(self.running.bus.query(key))):
-                    return True
-            pause.wait(0.3)
-        return False
+        """Whether this holds for a status of the process within the time: that of now, or one that it
+        publishes."""
+        key, seen = topics.STATUS.name(org=self.site.org, process=process), threading.Event()
+
+        def look(_key: str, data: dict[str, Any]) -> None:
+            if holds(Status.model_validate(data)):
+                seen.set()
+
+        subscriber = self.running.bus.subscribe_json(key, look)
+        try:
+            with suppress(BusError):  # it does not answer yet, or no more
+                look(key, self.running.bus.query(key))
+            return seen.wait(limit_s)
+        finally:
+            subscriber.undeclare()
 
     def said(self, task_id: int) -> str:
         """Why a task was not paid: the judge's reason, and what processes have warned of since `tidy`."""
@@ -354,20 +442,34 @@ class RealLab:
     def story(self, task_id: int) -> str:
         """What a person would read of a task that did not end as it should."""
         told = [(one.name, one.task_id) for one in self.events]
-        logs = (f"{name}:\n{self.log(name)}" for name in (*SPEAKERS, "mocap", "itrash", "world"))
+        names = (*self.agents, *SPEAKERS, RELAY, "world")
+        logs = (f"{name}:\n{self.log(name)}" for name in names)
         return "\n".join([str(told), str(self.task(task_id)), *logs])
 
 
+def work(lab: RealLab) -> Iterator[dict[str, Any]]:
+    """Two cleanings and a charge: each task once it is paid. The second robot begins when the first has left
+    the bin to it, and cleans while the first is charged."""
+    far, near = lab.site.items
+    lab.stand_by()
+    first = lab.clean(near.id)
+    assert lab.sees(lab.agents[0], lambda status: "stays in the bin" in status.activity, HANG_S), lab.story(
+        first
+    )
+    lab.join()
+    second = lab.clean(far.id)
+    yield lab.paid(first)
+    charge = lab.charge()
+    yield lab.paid(second)
+    yield lab.paid(charge)
+
+
 def run(folder: Path) -> None:
-    """`make lab`: start it, have an item cleaned away, and say what came of it."""
+    """`make lab`: start it, have two items cleaned away and a robot charged, and say what came of it."""
     begun_s = time.monotonic()
     with RealLab(folder) as lab:
         names = ", ".join(sorted(one.name for one in processes_of(lab.site)))
         print(f"The lab runs after {time.monotonic() - begun_s:.0f} s: {names}", flush=True)
-        since_s = time.monotonic()
-        for task in [lab.clean(item.id) for item in lab.site.items]:
-            item = lab.paid(task)["params"]["item_id"]
-            print(f"{item} is cleaned away and paid after {time.monotonic() - since_s:.0f} s", flush=True)
-        since_s = time.monotonic()
-        lab.paid(lab.charge())
-        print(f"The robot is charged, and the dock is paid after {time.monotonic() - since_s:.0f} s")
+        for task in work(lab):
+            done = f"{task['executor_name']} is paid for {task['kind']} of task {task['id']}"
+            print(f"{done} after {time.monotonic() - begun_s:.0f} s", flush=True)

@@ -9,13 +9,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import zenoh
 from natnet.data_descriptions import DataDescriptions
 from natnet.data_frame import DataFrame
 from natnet.packet_buffer import PacketBuffer
 from natnet.server_info import ServerInfo
 from natnet.version import Version
 
+from rodeo.bus.session import zenoh_config
 from tests.reallab.motive import CONNECT, FRAME, MODELS, REQUEST_MODELS, SERVER_INFO, Motive
+from tests.reallab.stock_dds import StockDds
 from tests.reallab.things import Things
 from tests.reallab.video import Video
 from tests.support.site import free_port
@@ -68,6 +71,29 @@ def test_a_stream_of_pictures_is_what_ffmpeg_reads() -> None:
             assert ok and image.shape == grey.shape and abs(int(image.mean()) - 90) < 3
     finally:
         capture.release()
+
+
+def test_a_robot_with_a_stock_dds_looks_as_its_bridge_shows_it() -> None:
+    """Bytes and keys derived from the bridge's description by hand."""
+    endpoint, name, header = f"tcp/127.0.0.1:{free_port()}", "arthur/emergency_stop", b"\x00\x01\x00\x00"
+    with zenoh.open(zenoh_config("router", listen=[endpoint])) as relay:
+        robot = StockDds(endpoint, {})
+        with robot.session:
+            robot.server(
+                name,
+                "std_srvs/srv/SetBool",
+                ("bool data\n", "bool success\nstring message\n"),
+                lambda asked: robot.new(
+                    "std_srvs/srv/msg/SetBool_Response", success=asked.data, message="ok"
+                ),
+            )
+            (reply,) = relay.get(name, payload=header + b"\x01", timeout=WAIT_S)
+            assert reply.ok is not None and reply.ok.attachment is None
+            assert reply.ok.payload.to_bytes() == header + b"\x01\0\0\0" + struct.pack("<I", 3) + b"ok\0"
+            (token,) = relay.liveliness().get("@/*/@ros2_lv/**", timeout=WAIT_S)
+            assert token.ok is not None
+            shown = "SS/arthur§emergency_stop/std_srvs§srv§SetBool"
+            assert str(token.ok.key_expr) == f"@/{robot.session.info.zid()}/@ros2_lv/{shown}"
 
 
 TOLD: dict[str, Any] = {
