@@ -104,23 +104,22 @@ def drivers(site: SiteFile) -> list[str]:
 
 _READ: dict[What, tuple[str, tuple[Topic, ...], str]] = {
     "mocap": (
-        "the robots' minds and the oracle",
+        "the robots' minds and the oracle read",
         (topics.MOCAP_POSE, topics.WITNESS_STATEMENT),
         'source = "natnet" and address, or another source of services/mocap/sources',
     ),
     "bin": (
-        "itrash",
+        "itrash reads",
         (topics.BIN_PRESENCE, topics.BIN_LOAD, topics.BIN_IMAGE, topics.BIN_CAPTURE),
         'source = "ros2", for a driver with the certificate {driver}',
     ),
     "dock": (
-        "charger",
+        "charger reads",
         (topics.DOCK_OUTPUT, topics.DOCK_ENABLE),
         'source = "modbus" and address, or "ros2", for a driver with the certificate {driver}',
     ),
 }
-"""Kind of device -> its reader, what that reads and asks, and the line of a site file that says who provides
-it."""
+"""Kind of device -> who reads it, the topics, and the line of a site file that says who provides it."""
 
 
 def unprovided(site: SiteFile) -> Iterator[tuple[Place, str]]:
@@ -141,5 +140,5 @@ def unprovided(site: SiteFile) -> Iterator[tuple[Place, str]]:
         written = line.format(driver=driver_identity(device.name))
         yield (
             device.place,
-            f'nobody provides {told}, which {reader} read: write {written}, or source = "sim"',
+            f'nobody provides {told}, which {reader}: write {written}, or source = "sim"',
         )
