@@ -17,6 +17,7 @@ from natnet.server_info import ServerInfo
 from natnet.version import Version
 
 from rodeo.bus.session import zenoh_config
+from rodeo_testing.waiting import wait_until
 from tests.reallab.motive import CONNECT, FRAME, MODELS, REQUEST_MODELS, SERVER_INFO, Motive
 from tests.reallab.stock_dds import StockDds
 from tests.reallab.things import Things
@@ -87,10 +88,10 @@ def test_a_robot_with_a_stock_dds_looks_as_its_bridge_shows_it() -> None:
                     "std_srvs/srv/msg/SetBool_Response", success=asked.data, message="ok"
                 ),
             )
-            (reply,) = relay.get(name, payload=header + b"\x01", timeout=WAIT_S)
+            (reply,) = wait_until(lambda: list(relay.get(name, payload=header + b"\x01", timeout=WAIT_S)))
             assert reply.ok is not None and reply.ok.attachment is None
             assert reply.ok.payload.to_bytes() == header + b"\x01\0\0\0" + struct.pack("<I", 3) + b"ok\0"
-            (token,) = relay.liveliness().get("@/*/@ros2_lv/**", timeout=WAIT_S)
+            (token,) = wait_until(lambda: list(relay.liveliness().get("@/*/@ros2_lv/**", timeout=WAIT_S)))
             assert token.ok is not None
             shown = "SS/arthur§emergency_stop/std_srvs§srv§SetBool"
             assert str(token.ok.key_expr) == f"@/{robot.session.info.zid()}/@ros2_lv/{shown}"
