@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -189,7 +189,7 @@ def _post(
     return None
 
 
-def facts(site: Site, task: Task, dispute: Dispute, story: Iterable[Step] = ()) -> list[tuple[str, str]]:
+def facts(site: Site, task: Task, dispute: Dispute, story: Sequence[Step] = ()) -> list[tuple[str, str]]:
     until = formatting.moment(dispute.until, site)
     stands = "" if task.standing is None else standing_words(task, iec(task.standing.amount_iec), until)
     told = [
@@ -203,19 +203,14 @@ def facts(site: Site, task: Task, dispute: Dispute, story: Iterable[Step] = ()) 
     ]
     if dispute.challenger is not None:
         stake = "" if dispute.stake_iec is None else f" with {iec(dispute.stake_iec)} at stake"
+        by = next((one.who[0] for one in reversed(story) if one.what == "challenged"), dispute.challenger)
         told += [
-            ("challenged", f"by {_called(task, dispute.challenger)}{stake}"),
+            ("challenged", f"by {by}{stake}"),
             ("because", dispute.because or ""),
         ]
     elif task.standing is not None and dispute.challenge_iec is not None:
         told.append(("a challenge takes", f"{iec(dispute.challenge_iec)}, lost if the ruling is right"))
     return [*told, ("stakes", "settled" if dispute.settled else ""), *steps(story, site)]
-
-
-def _called(task: Task, challenger: str) -> str:
-    """A party's name; a judge's address."""
-    parties = {task.creator: task.creator_name, task.executor: task.executor_name}
-    return parties.get(challenger) or challenger
 
 
 def _dispute(task: Task) -> Dispute:

@@ -28,6 +28,8 @@ Outcome = Literal["accepted", "rejected", "undecided", "given_up", "impossible"]
 _PARTIES: dict[str, Fault] = {"the task's creator": "creator", "the oracle": "oracle", "the store": "oracle"}
 """The party that failed -> as the contracts name it. A site without its store has no judge."""
 
+NOBODY = "nobody"
+"""Is at fault where nothing failed, and a machine alone does not decide."""
 REASON_CHARACTERS = 500
 _DETAIL_CHARACTERS = 1000
 
@@ -202,7 +204,10 @@ def describe(check: Check) -> str:
     values = ""
     if check.measured is not None and check.limit is not None:
         values = f" ({_text(check.measured, check.unit)}, limit {_text(check.limit, check.unit)})"
-    fault = f"; {check.fault} is at fault, not the executor" if check.fault is not None else ""
+    fault = ""
+    if check.fault is not None:
+        but = "people decide" if check.fault == NOBODY else "not the executor"
+        fault = f"; {check.fault} is at fault, {but}"
     return shortened(f"{check.name}: {check.detail}{values}", REASON_CHARACTERS - len(fault)) + fault
 
 

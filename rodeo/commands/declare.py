@@ -63,8 +63,12 @@ class Console:
     `proposer`: the one that it names, if that is the person's own as a member, or the organization's and the
     person is its administrator. `anybody`: the person's own if it has one; the contracts accept the command
     from everybody."""
-    for_good: bool = False
-    """Nobody undoes it, or not without loss: the page warns."""
+    for_good: Mapping[str, Any] | None = None
+    """Nobody undoes what has these values, or not without loss: the page warns. Empty: whatever it has."""
+
+    def warns(self, request: Mapping[str, Any]) -> bool:
+        """Whether nobody undoes this request."""
+        return self.for_good is not None and self.for_good.items() <= request.items()
 
 
 @dataclass(frozen=True)

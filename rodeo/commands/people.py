@@ -8,7 +8,7 @@ PEOPLE = ("console", "operator")
 BY_OPERATOR = Console(("operator",))
 BY_TREASURER = Console(("treasurer",))
 BY_ADMINISTRATOR = Console(("administrator",))
-FOR_GOOD = Console(("administrator",), for_good=True)
+FOR_GOOD = Console(("administrator",), for_good={})
 _PROVIDER = ("operator", "executor", "administrator")
 """Roles that speak for a wallet: the organization's or their own."""
 BY_PROVIDER = Console(_PROVIDER, "provider")

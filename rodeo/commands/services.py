@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Future
+from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -103,7 +104,7 @@ class RegisterService(Command):
     "robot_agent",
     "charger",
     "operator",
-    console=BY_PROVIDER,
+    console=replace(BY_PROVIDER, for_good={"state": "retired"}),
     proposable=True,
     of_administrator=False,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -31,6 +32,8 @@ GROUPS: dict[str, str] = {
 """Title of a group -> the names of its checks, in the order in which people ask."""
 _GROUP_OF = {name: title for title, names in GROUPS.items() for name in names.split()}
 
+_NAMED = re.compile(r"[a-z]+(?:_[a-z]+)+")
+"""What may be the name of another check."""
 _DETAIL, _VALUE = 300, 40
 """Most characters of a detail and of a value."""
 _DIGITS = 3
@@ -122,6 +125,7 @@ def _line(check: Json) -> Line:
     elif shown:
         shown = "" if at_most is None else f"at {'most' if at_most else 'least'} {shown}"
     about = str(check.get("detail") or check.get("source") or "")[:_DETAIL].removesuffix(": ")
+    about = _NAMED.sub(lambda found: found[0].replace("_", " ") if found[0] in _GROUP_OF else found[0], about)
     value = _value(measured, limit, scale, unit)
     bound = None if at_most is None else float(limit)
     words = name.replace("_", " ")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from decimal import Decimal
 from typing import Literal
 
@@ -42,8 +42,18 @@ def happened(events: Iterable[DaoEvent]) -> list[DaoEvent]:
     return list(kept.values())
 
 
+def accounts(organization: Organization, wallets: Sequence[Wallet]) -> dict[str, str]:
+    """Address -> the name of its owner: judges, keys that hold roles, accounts of participants."""
+    judges = [*organization.judges, *(one for bench in organization.committees for one in bench.judges)]
+    holders = [one for some in organization.roles.values() for one in some]
+    found = {one.key: one.name for one in judges} | {one.address: one.name for one in holders}
+    found |= {one.payout: f"{one.name}'s payout account" for one in wallets if one.payout}
+    found |= {one.address: one.name for one in wallets}
+    return {address: name for address, name in found.items() if name}
+
+
 def story(
-    events: Iterable[DaoEvent], organization: Organization, wallets: Iterable[Wallet] = ()
+    events: Iterable[DaoEvent], organization: Organization, wallets: Sequence[Wallet] = ()
 ) -> list[Step]:
     """In order, of each attempt that a judge with several instances ruled on; `events` are a task's."""
     names = _Names(organization, wallets)
@@ -112,16 +122,13 @@ _TELLS: dict[str, Callable[[DaoEvent, _Names, dict[str, str]], _Said | None]] = 
 class _Names:
     """Accounts and seats as people know them."""
 
-    def __init__(self, organization: Organization, wallets: Iterable[Wallet]) -> None:
+    def __init__(self, organization: Organization, wallets: Sequence[Wallet]) -> None:
         contracts = organization.contracts.model_dump(by_alias=True)
         committees = [organization.judges, *(by.judges for by in organization.committees)]
         self._seats = [{one.seat: one.name or one.key for one in judges} for judges in committees]
         names = [ORACLES, *(by.name for by in organization.committees)]
         self._committees = {contracts.get(name, ""): number for number, name in enumerate(names)}
-        self._accounts = {one.key: one.name for judges in committees for one in judges if one.name}
-        self._accounts |= {one.payout: f"{one.name}'s payout account" for one in wallets if one.payout}
-        self._accounts |= {one.address: one.name for one in wallets}
-        self._accounts[organization.address] = "the treasury"
+        self._accounts = accounts(organization, wallets) | {organization.address: "the treasury"}
 
     def account(self, address: str) -> str:
         return self._accounts.get(address, address)

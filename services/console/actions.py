@@ -47,18 +47,18 @@ class RobotRequest(Message):
     robot: Name
 
 
-class NewUser(Message):
+class Account(Message):
     name: Name
-    passphrase: Passphrase
     roles: frozenset[Role] = frozenset()
     participant: Name | None = None
     """The wallet that an executor works with."""
 
 
-class ChangedUser(Message):
-    name: Name
-    roles: frozenset[Role] = frozenset()
-    participant: Name | None = None
+class NewUser(Account):
+    passphrase: Passphrase
+
+
+class ChangedUser(Account):
     disabled: bool = False
 
 
@@ -201,10 +201,6 @@ def speaks_for(user: User, participant: str) -> bool:
     return own or (participant == ORGANIZATION and user.has(Role.OPERATOR)) or user.has(Role.ADMINISTRATOR)
 
 
-def _of_organization(command: str) -> Perform:
-    return lambda actions, _user, request: actions.command(ORGANIZATION, command, request)
-
-
 def proposer_of(user: User, decided_by: str) -> str | None:
     """In whose name this person proposes: a member in its own, an administrator in the organization's."""
     if decided_by == "administrator":
@@ -216,13 +212,26 @@ def _proposes_for(user: User, participant: str) -> bool:
     return participant in (proposer_of(user, "administrator"), proposer_of(user, "vote"))
 
 
-def _of_named(may: Callable[[User, str], bool], command: str) -> Perform:
-    def perform(actions: Actions, user: User, request: Any) -> Json:
-        if not may(user, request.participant):
-            raise Forbidden("your account may not act for this participant", participant=request.participant)
-        return actions.command(request.participant, command, request)
+def _named(may: Callable[[User, str], bool], user: User, request: Any) -> str:
+    """The participant that the request names. Raises Forbidden."""
+    if not may(user, request.participant):
+        raise Forbidden("your account may not act for this participant", participant=request.participant)
+    return str(request.participant)
 
-    return perform
+
+_WALLETS: dict[str, Callable[[User, Any], str]] = {
+    "organization": lambda _user, _request: ORGANIZATION,
+    "provider": partial(_named, speaks_for),
+    "proposer": partial(_named, _proposes_for),
+    # Only in one's own name: a console administrator does not vote for others.
+    "member": lambda user, _request: user.participant or ORGANIZATION,
+    # The contracts take it from everybody. People with a wallet of their own pay for it themselves.
+    "anybody": lambda user, _: (user.participant if user.has(Role.EXECUTOR) else None) or ORGANIZATION,
+}
+
+
+def _command(wallet: str, name: str) -> Perform:
+    return lambda actions, user, request: actions.command(_WALLETS[wallet](user, request), name, request)
 
 
 def _post_task(actions: Actions, _user: User, request: RegisterTask) -> Json:
@@ -238,10 +247,6 @@ def _of_robot(order: str) -> Perform:
     return lambda actions, _user, request: actions.robot(request.robot, order)
 
 
-def _stop_all(actions: Actions, _user: User, _request: Nothing) -> Json:
-    return actions.stop_all()
-
-
 def _accept_work(actions: Actions, user: User, request: TaskId) -> Json:
     return {"task_id": actions.executor(user).accept(request.task_id).id}
 
@@ -255,30 +260,9 @@ def _submit_work(actions: Actions, user: User, request: SubmitWork) -> Json:
 
 def _judge(actions: Actions, user: User, request: Judge) -> Json:
     auditor = Participant(actions.bus, actions.site.org, user.participant or ORGANIZATION)
-    judge(
-        actions.site,
-        auditor,
-        request.task_id,
-        request.ruling,
-        request.reason,
-        request.amount_iec,
-        request.fault,
-    )
+    said = request.task_id, request.ruling, request.reason, request.amount_iec, request.fault
+    judge(actions.site, auditor, *said)
     return {"task_id": request.task_id, "ruling": request.ruling}
-
-
-def _of_member(command: str) -> Perform:
-    # Only in one's own name: a console administrator does not vote for others.
-    return lambda actions, user, request: actions.command(user.participant or ORGANIZATION, command, request)
-
-
-def _of_anybody(command: str) -> Perform:
-    # The contracts take it from everybody. People with a wallet of their own pay for it themselves.
-    def perform(actions: Actions, user: User, request: Message) -> Json:
-        own = user.participant if user.has(Role.EXECUTOR) else None
-        return actions.command(own or ORGANIZATION, command, request)
-
-    return perform
 
 
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
@@ -330,15 +314,6 @@ _AUDITOR = frozenset({Role.AUDITOR})
 _ANYBODY: frozenset[Role] = frozenset()
 
 
-_RUNS: dict[str, Callable[[str], Perform]] = {
-    "organization": _of_organization,
-    "provider": partial(_of_named, speaks_for),
-    "proposer": partial(_of_named, _proposes_for),
-    "member": _of_member,
-    "anybody": _of_anybody,
-}
-
-
 def summary_of(model: type[Command]) -> str:
     """The first sentence of what a command does."""
     return re.split(r"\.(?:\s|$)", inspect.cleandoc(model.__doc__ or ""))[0].replace("\n", " ")
@@ -353,7 +328,7 @@ def _declared() -> Iterator[Action]:
         # An operator, or an administrator, speaks for the organization, an executor for itself.
         if console.wallet in ("provider", "proposer"):
             body = create_model(model.__name__, __base__=model, participant=(Name, ORGANIZATION))
-        yield Action(name, summary, body, frozenset(map(Role, console.roles)), _RUNS[console.wallet](name))
+        yield Action(name, summary, body, frozenset(map(Role, console.roles)), _command(console.wallet, name))
 
 
 _TABLE = (
@@ -366,7 +341,7 @@ _TABLE = (
     Action("charge_robot", "Have a robot buy a charge now", RobotRequest, _OPERATOR, _of_robot("charge")),
     Action("cancel_robot", "Have a robot give up its attempt", RobotRequest, _OPERATOR, _of_robot("cancel")),
     Action("stop_robot", "Stop a robot at once", RobotRequest, _OPERATOR, _of_robot("stop")),
-    Action("stop_all", "Stop every robot at once", Nothing, _OPERATOR, _stop_all),
+    Action("stop_all", "Stop every robot at once", Nothing, _OPERATOR, lambda by, *_: by.stop_all()),
     Action("accept_work", "Accept a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
     Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),

@@ -10,14 +10,13 @@ from rodeo.bus.messages import DaoEvent, Fault
 from rodeo.display.story import happened
 
 _ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
-_EXPIRED = {
-    "execution_expired": "no proof within the execution window",
-    "not_accepted": "the executor did not accept the task in the grace period",
+_CAUSES = {
+    "execution_expired": ("expired", "no proof within the execution window"),
+    "not_accepted": ("expired", "the executor did not accept the task in the grace period"),
+    "abandoned": ("abandoned", "the executor gave the task back in the grace period, or had not accepted it"),
+    "abandoned_late": ("abandoned", "the executor gave the task back after the grace period"),
 }
-_ABANDONED = {
-    "abandoned": "the executor gave the task back in the grace period, or had not accepted it",
-    "abandoned_late": "the executor gave the task back after the grace period",
-}
+"""The cause of an attempt's end that no judge ruled -> its verdict, and why."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,8 @@ def _ruled(event: DaoEvent, last: Attempt) -> dict[str, Any]:
 
 def _ended(event: DaoEvent, last: Attempt) -> dict[str, Any]:
     ended = {"ended_s": event.time_s, "paid_iec": event.args.get("paid_iec"), "standing": None}
-    cause = event.args.get("cause", "")
-    if (expiry := _EXPIRED.get(cause)) is not None:
-        return {**ended, "verdict": "expired", "reason": expiry}
-    if (given_back := _ABANDONED.get(cause)) is not None:
-        return {**ended, "verdict": "abandoned", "reason": given_back}
-    return {**ended, "verdict": last.verdict or last.standing}
+    verdict, reason = _CAUSES.get(event.args.get("cause", ""), (last.verdict or last.standing, last.reason))
+    return {**ended, "verdict": verdict, "reason": reason}
 
 
 _CHANGES: dict[str, Callable[[DaoEvent, Attempt], dict[str, Any]]] = {

@@ -129,14 +129,9 @@ class RobotState:
     """One robot as a line of a table."""
 
     name: str
-    state: str
+    mind: ProcessState
     soc: float | None
-    task_id: int | None
     place: str
-    said: str
-    """What it reported last."""
-    eta_s: float | None
-    progress: float | None
 
 
 def robots(site: Site, lab: Json, processes: list[ProcessState], seen: Json) -> list[RobotState]:
@@ -146,13 +141,9 @@ def robots(site: Site, lab: Json, processes: list[ProcessState], seen: Json) -> 
     for robot in site.robots:
         mind = by_name.get(robot_process(site, robot.name)) or ProcessState(robot.name, "", "silent")
         at = seen.get(robot.name, {})
-        found.append(
-            RobotState(
-                robot.name, mind.state, mind.soc if mind.soc is not None else at.get("soc"), mind.task_id,
-                place(lab, at["x"], at["y"]) if "x" in at else "not seen",
-                mind.doing or "–", mind.eta_s, mind.progress,
-            )
-        )  # fmt: skip
+        soc = mind.soc if mind.soc is not None else at.get("soc")
+        where = place(lab, at["x"], at["y"]) if "x" in at else "not seen"
+        found.append(RobotState(robot.name, mind, soc, where))
     return found
 
 

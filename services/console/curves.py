@@ -169,17 +169,17 @@ def checks_at(
         if curve.check:
             names[curve.check] = f"highest {curve.name}"
             times[f"highest {curve.name}"] = t[int(np.argmax(shown["values"]))]
-    found: dict[str, list[Line]] = {}
+    found: dict[str, dict[str, list[str]]] = {}
     for line in report:
         if line.state != "skipped" and (moment := names.get(line.check)) in times:
-            found.setdefault(moment, []).append(line)
+            found.setdefault(moment, {}).setdefault(line.state, []).append(line.name)
     placed = [
         {
             "t": times[moment],
             "moment": moment,
-            "failed": any(line.failed for line in lines),
-            "checks": [f"{line.name} {line.state}" for line in lines],
+            "failed": [*by_state] != ["passed"],
+            "checks": [f"{', '.join(some)} {state}" for state, some in by_state.items()],
         }
-        for moment, lines in found.items()
+        for moment, by_state in found.items()
     ]
     return sorted(placed, key=lambda one: one["t"])

@@ -13,8 +13,9 @@ import threading
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import Any
 
 from fastapi.sse import ServerSentEvent
 
@@ -144,7 +145,8 @@ class Streams:
                     # Else a client of few events would have all the others read again when it resumes.
                     yield ServerSentEvent(id=str(place))
                 if not found:
-                    await _set_within(changed, min(check_s, ends_s) - now_s)
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(changed.wait(), min(check_s, ends_s) - now_s)
         except (NotLoggedIn, UnknownEventId):
             return  # the client resumes, and learns why not
         finally:
@@ -175,19 +177,12 @@ class Streams:
         """From the index. Raises UnknownEventId."""
         answer = self._ask(max(0, place.seq - 1), limit)
         if _short(answer.chain) != place.chain:
-            raise UnknownEventId(
-                "this id is of another chain, whose events are gone: begin without an id",
-                id=str(place),
-                chain=answer.chain,
-            )
+            raise _unknown("this id is of another chain, whose events are gone", place, chain=answer.chain)
         if place.seq == 0:
             return answer.events
         if not answer.events:
-            raise UnknownEventId(
-                "this id is of an event that is not there yet, or no more: begin without an id",
-                id=str(place),
-                last_seq=answer.last_seq,
-            )
+            away = "this id is of an event that is not there yet, or no more"
+            raise _unknown(away, place, last_seq=answer.last_seq)
         _require(answer.events[0], place)
         return answer.events[1:]
 
@@ -198,19 +193,13 @@ class Streams:
 def _require(event: DaoEvent, place: Place) -> None:
     """Raises UnknownEventId unless the client has seen this event under this number."""
     if Place.after(event) != place:
-        raise UnknownEventId(
-            "another event has this number now, because the index was built anew: begin without an id",
-            id=str(place),
-            seq=event.seq,
-        )
+        other = "another event has this number now, because the index was built anew"
+        raise _unknown(other, place, seq=event.seq)
+
+
+def _unknown(why: str, place: Place, **more: Any) -> UnknownEventId:
+    return UnknownEventId(f"{why}: begin without an id", id=str(place), **more)
 
 
 def _short(chain: str) -> str:
     return chain.removeprefix("0x")[:8].rjust(8, "0")
-
-
-async def _set_within(changed: asyncio.Event, timeout_s: float) -> None:
-    try:
-        await asyncio.wait_for(changed.wait(), timeout_s)
-    except TimeoutError:
-        return

@@ -137,7 +137,8 @@ def entries(
         text = template.format_map(_Said(event.args, names))
         if event.task_id is not None:
             text = f"Task {event.task_id}: {text}"
-        text = text[:1].upper() + text[1:]
+        elif not template.startswith("{"):  # a name stays as it is
+            text = text[:1].upper() + text[1:]
         href = _href(event)
         unread = _is_unread(event, mark)
         found.append(Entry(text, event.time_s, alarm, href, robot, event.task_id, unread))

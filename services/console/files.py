@@ -2,7 +2,6 @@
 
 # No postponed annotations: FastAPI reads those of functions that are made inside functions.
 
-import tempfile
 from collections.abc import Iterator
 from functools import cache, partial
 from pathlib import Path
@@ -26,13 +25,12 @@ def router(console: Console) -> APIRouter:
     /files/earnings.csv and /files/lab.json (`solids`). They raise RodeoError."""
     routes = APIRouter(include_in_schema=False)
 
-    def folder() -> Iterator[Path]:
-        with tempfile.TemporaryDirectory(prefix="rodeo-proof-") as path:
-            yield Path(path)
+    def copy(task_id: int, attempt: int | None = None) -> Iterator[Path]:
+        with console.queries.proof(console.queries.evidence(task_id, attempt)) as path:
+            yield path
 
     @routes.get("/files/proof/{task_id}")
-    def proof(task_id: int, folder: Annotated[Path, Depends(folder)], attempt: int | None = None) -> Response:
-        copy = console.queries.proof(console.queries.evidence(task_id, attempt), folder)
+    def proof(task_id: int, copy: Annotated[Path, Depends(copy)]) -> Response:
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")
 
     @routes.get("/files/photo/{name}")

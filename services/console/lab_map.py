@@ -9,6 +9,9 @@ from nicegui.events import GenericEventArguments
 
 from rodeo.text.strict_json import Json
 
+MARGIN_M = 0.35
+"""Around the map, as `lab_map.js` draws it: both views are as high."""
+
 
 class LabMap(ui.element, component="lab_map.js"):
     """`lab` is `scene.lab(site)`. With `on_place(x_m, y_m)` a click on the floor chooses a place."""
@@ -40,10 +43,12 @@ class LabScene(ui.element, component="lab_scene.js"):
     _three = ui.scene
     """Serves three.js under the name by which the component imports it."""
 
-    def __init__(self, label: str) -> None:
+    def __init__(self, lab: Json, label: str) -> None:
         super().__init__()
         self._props["label"] = label
         self._props["source"] = "/files/lab.json"
+        width_m, height_m = lab["size_m"]
+        self._props["ratio"] = (width_m + 2 * MARGIN_M) / (height_m + 2 * MARGIN_M)
 
 
 class LabReplay(ui.element, component="lab_replay.js"):
@@ -56,7 +61,7 @@ class LabViews:
     """Both views side by side. What `map` shows live, or `replay` of a recording, moves both."""
 
     def __init__(self, lab: Json, what: str) -> None:
-        with ui.element("div").classes("lab-views"):
-            LabScene(f"The lab in three dimensions: {what}")
+        with ui.element("div").classes("lab-views") as self.element:
+            LabScene(lab, f"The lab in three dimensions: {what}")
             self.map = LabMap(lab, f"Map of the lab: {what}")
             self.replay = LabReplay()

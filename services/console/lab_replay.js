@@ -1,5 +1,7 @@
 // A recording with a slider of its time. It tells the views beside it what to show, with an event of the page.
 
+const NEAR = 0.03;
+
 const clock = (seconds) => {
   const whole = Math.max(0, Math.round(seconds));
   const minutes = String(Math.floor(whole / 60) % 60).padStart(2, "0");
@@ -22,11 +24,11 @@ export default {
         </label>
       </div>
       <div v-if="checks.length" class="lab-checks" role="group" aria-label="Checks at their seconds">
-        <button v-for="one in checks" type="button" :class="{ bad: one.failed }" :style="{ left: share(one.t) }"
-                :title="one.moment + ': ' + one.checks.join(', ')" :aria-label="spokenCheck(one)" @click="jump(one.t)"></button>
+        <button v-for="one in checks" type="button" :class="{ bad: one.failed }" :style="{ left: share(one.t), bottom: 2 + 16 * one.row + 'px' }"
+                :title="one.moment + ': ' + one.checks.join('; ')" :aria-label="spokenCheck(one)" @click="jump(one.t)"></button>
         <span class="cursor" :style="{ left: share(now_s) }"></span>
       </div>
-      <p v-if="last" class="soft"><strong>{{ last.moment }}</strong>: {{ last.checks.join(", ") }}</p>
+      <p v-if="last" class="soft"><strong>{{ last.moment }}</strong>: {{ last.checks.join("; ") }}</p>
       <button v-if="failed" type="button" class="lab-failed" @click="jump(failed.t)">Go to what failed: {{ failed.moment }}, {{ time(failed.t) }}</button>
       <div v-if="track && track.curves.length" class="lab-curves">
         <figure v-for="one in curves">
@@ -55,8 +57,14 @@ export default {
     spoken() {
       return `${clock(this.now_s)} of ${clock(this.track.duration_s)}`;
     },
+    // A dot that would cover the one before stands above it.
     checks() {
-      return this.track?.checks ?? [];
+      let [before, row] = [-Infinity, 0];
+      return (this.track?.checks ?? []).map((one) => {
+        row = one.t - before < NEAR * this.track.duration_s ? (row + 1) % 3 : 0;
+        before = one.t;
+        return { ...one, row };
+      });
     },
     failed() {
       return this.checks.find((one) => one.failed);
@@ -120,7 +128,7 @@ export default {
     },
 
     spokenCheck({ moment, t, checks }) {
-      return `${clock(t)} ${moment}: ${checks.join(", ")}`;
+      return `${clock(t)} ${moment}: ${checks.join("; ")}`;
     },
 
     seek(event) {

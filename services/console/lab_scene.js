@@ -84,10 +84,11 @@ function body(part, parent, set) {
 }
 
 export default {
-  props: { label: String, source: String },
+  props: { label: String, source: String, ratio: Number },
   template: `
     <div class="lab-scene">
-      <div class="lab-scene-view" v-show="!problem" ref="view" role="img" :aria-label="label"></div>
+      <div class="lab-scene-view" v-show="!problem" ref="view" role="img" :aria-label="label"
+           :style="{ aspectRatio: ratio }"></div>
       <p v-if="problem" class="empty">{{ problem }}</p>
       <div v-else class="lab-tools">
         <label>Look at
@@ -259,7 +260,7 @@ export default {
       if (!this.lab) return;
       const [width, height] = this.lab.size_m;
       const place = this.place();
-      const size = Math.max(width, 1.4 * height);
+      const size = 1.1 * Math.max(width, 1.4 * height);
       this.controls.target.copy(place ?? new THREE.Vector3(width / 2, 0.47 * height, 0));
       const away = place ? [-1.3, -1.9, 1.3] : [-0.06 * size, -0.66 * size, 0.62 * size];
       this.camera.position.copy(this.controls.target).add(new THREE.Vector3(...away));

@@ -23,6 +23,7 @@ import zenoh
 from rodeo.bus import queries
 from rodeo.bus.messages import DaoEvent, Task
 from rodeo.bus.session import Bus, DaoEvents
+from rodeo.display.story import accounts
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
@@ -144,8 +145,7 @@ class Summary:
     @property
     def names(self) -> dict[str, str]:
         """Account -> its name, where the site has one for it."""
-        own = {} if self.organization is None else {self.organization.address: "the treasury"}
-        return own | {one.address: one.name for one in self.wallets}
+        return {} if self.organization is None else accounts(self.organization, self.wallets)
 
 
 class Live:
@@ -155,14 +155,8 @@ class Live:
         self._bus = bus
         self._site = site
         self._queries = queries
-        self._listeners: dict[str, list[Listener]] = {
-            "map": [],
-            "clock": [],
-            "feed": [],
-            "processes": [],
-            "organization": [],
-            "events": [],
-        }
+        changes = "map", "clock", "feed", "processes", "organization", "events"
+        self._listeners: dict[str, list[Listener]] = {what: [] for what in changes}
         self._newest: dict[str, Newest] = {}
         self._changed = asyncio.Event()
         self._events_due = False

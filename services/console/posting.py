@@ -37,7 +37,7 @@ def fitting(task: Task, services: Sequence[Offer]) -> dict[str, str]:
     """The services that could be given an open task now, as a form's values and texts."""
     passed = {one.provider for one in task.passed}
     return {
-        str(one.id): f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
+        str(one.id): _offer(one)
         for one in services
         if one.kind == task.kind
         and one.state == "active"
@@ -64,10 +64,12 @@ def hireable(services: Sequence[Offer], of_kind: str | None) -> dict[str, str]:
         if count[one.provider] > 1
     }
     return several | {
-        str(one.id): f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
-        + (", paused" if one.state == "paused" else "")
-        for one in there
+        str(one.id): _offer(one) + (", paused" if one.state == "paused" else "") for one in there
     }
+
+
+def _offer(one: Offer) -> str:
+    return f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
 
 
 def hired(value: str) -> dict[str, Any]:

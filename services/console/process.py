@@ -32,23 +32,24 @@ from services.console import api_page, files, login, rest, scene
 from services.console.actions import Actions
 from services.console.guard import MAX_BODY_BYTES, Guard, origins_of
 from services.console.live import Live
-from services.console.pages import accounts as accounts_page
-from services.console.pages import (
-    missing,
-    operator,
-    overview,
-    proposals,
-    replay,
-    services,
-    task,
-    tasks,
-    treasury,
-    work,
-)
+from services.console.pages import frame, missing, operator, overview, replay, task, tasks, work
+from services.console.pages.accounts import AccountsPage
 from services.console.pages.frame import Console
+from services.console.pages.proposals import ProposalsPage
+from services.console.pages.services import ServicesPage
+from services.console.pages.treasury import TreasuryPage
 from services.console.queries import Queries
 
-PAGES = (overview, tasks, task, services, replay, treasury, proposals, work, operator, accounts_page, missing)
+MENU: dict[str, Callable[[Console], object]] = {
+    "/": overview.draw,
+    "/services": ServicesPage,
+    "/treasury": TreasuryPage,
+    "/proposals": ProposalsPage,
+    "/work": work.desks,
+    "/operator": operator.draw,
+    "/accounts": AccountsPage,
+}
+"""Path of a page of the menu -> what fills it; the other pages have addresses with a part that varies."""
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +72,9 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     api.mount("/api", programs)
     api.router.routes.append(api_page.route(programs))
     api.mount("/static", StaticFiles(directory=STATIC))
-    for module in PAGES:
+    for path, draw in MENU.items():
+        frame.register(console, path, draw)
+    for module in (tasks, task, replay, missing):
         module.register(console)
     nicegui_app.colors(
         primary="#0f6d5f", positive="#1a7f4b", negative="#b3261e", warning="#8a5a00", info="#1f5fa8"

@@ -8,6 +8,7 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -160,31 +161,37 @@ class Queries:
         kept = self._seals.get(evidence.proof_sha256 or "")
         if kept is not None:
             return kept
-        with tempfile.TemporaryDirectory(prefix="rodeo-seal-") as folder:
-            proof = open_proof(self.proof(evidence, Path(folder)))
+        with self.proof(evidence) as path:
+            proof = open_proof(path)
         seal = Seal(proof.signer, proof.size_bytes, proof.messages, proof.seals)
         return _keep(self._seals, proof.sha256, seal, _SEALS_KEPT)
 
     def pictures(self, evidence: Evidence) -> list[Json]:
         """The pictures in the recording, as `replay.pictures` has them. Raises UnknownFile, EvidenceError."""
-        with tempfile.TemporaryDirectory(prefix="rodeo-pictures-") as folder:
-            return pictures(open_proof(self.proof(evidence, Path(folder))), self._site)
+        with self.proof(evidence) as path:
+            return pictures(open_proof(path), self._site)
 
     def statement(self, task: Task) -> Statement:
         """Note and photos that a person handed in. Raises UnknownFile, EvidenceError."""
-        if not task.proof_uri or not task.proof_sha256:
-            raise UnknownFile("no proof was submitted for this attempt")
-        return fetch_statement(self._store, task.proof_uri, task.proof_sha256)
+        return fetch_statement(self._store, *_proof_of(task))
 
     def review(self, task: Task) -> Review:
         """What is known of that statement. Raises NotSubmitted, EvidenceError, and what the index raises."""
         return self._reviewer.review(task)
 
-    def proof(self, evidence: Evidence, folder: Path) -> Path:
-        """A copy of the proof in `folder`, its bytes checked. Raises UnknownFile, EvidenceError."""
-        if not evidence.proof_uri or not evidence.proof_sha256:
-            raise UnknownFile("no proof was submitted for this attempt")
-        return self._store.fetch(evidence.proof_uri, evidence.proof_sha256, folder=folder)
+    @contextmanager
+    def proof(self, evidence: Evidence) -> Iterator[Path]:
+        """A copy of the proof for a while, its bytes checked. Raises UnknownFile, EvidenceError."""
+        uri, sha256 = _proof_of(evidence)
+        with tempfile.TemporaryDirectory(prefix="rodeo-proof-") as folder:
+            yield self._store.fetch(uri, sha256, folder=Path(folder))
+
+
+def _proof_of(evidence: Evidence) -> tuple[str, str]:
+    """URI and hash. Raises UnknownFile."""
+    if not evidence.proof_uri or not evidence.proof_sha256:
+        raise UnknownFile("no proof was submitted for this attempt")
+    return evidence.proof_uri, evidence.proof_sha256
 
 
 def _keep(cache: OrderedDict[str, T], sha256: str, value: T, limit: int) -> T:

@@ -153,11 +153,12 @@ def _marks(proof: Proof, start_ns: int) -> tuple[list[Json], dict[str, float]]:
     """Contract events, notes of the recorder, statements of devices; and when which of `MOMENTS` was."""
     marks: list[Json] = []
     moments: dict[str, float] = {}
-    for log_ns, text, moment in _said(proof):
-        at_s = round((log_ns - start_ns) * 1e-9, 1)
-        marks.append({"t": at_s, "text": text[:_TEXT]})
-        if moment:
-            moments[moment] = at_s
+    for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL):
+        for log_ns, value in zip(_logged_ns(proof, channel), proof.json(channel), strict=True):
+            text, moment = _sentence(value)
+            at_s = round((log_ns - start_ns) * 1e-9, 1)
+            marks += [{"t": at_s, "text": text[:_TEXT]}] if text else []
+            moments |= {moment: at_s} if moment else {}
     return marks, moments
 
 
@@ -200,16 +201,6 @@ def _picture(data: bytes) -> str:
     if not kind or len(picture) > _PICTURE_BYTES:
         return ""
     return f"data:image/{kind};base64,{base64.b64encode(picture).decode()}"
-
-
-def _said(proof: Proof) -> list[tuple[int, str, str]]:
-    """Time, sentence, and the moment that it is, if any."""
-    return [
-        (log_ns, *told)
-        for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)
-        for log_ns, value in zip(_logged_ns(proof, channel), proof.json(channel), strict=True)
-        if (told := _sentence(value))[0]
-    ]
 
 
 def _stated(payload: Json) -> tuple[str, str]:

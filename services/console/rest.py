@@ -2,7 +2,6 @@
 
 # No postponed annotations: FastAPI reads those of functions that are made inside functions.
 
-import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,13 +17,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from rodeo.access.accounts import User
 from rodeo.access.errors import NotLoggedIn
 from rodeo.bus.messages import DaoEvent, Kind, Task, TaskState
-from rodeo.bus.queries import QUERIES
+from rodeo.bus.queries import QUERIES, TASKS, Tasks
 from rodeo.checks.report import Report
 from rodeo.display.story import Step
-from rodeo.errors import (
-    RequestError,
-    RodeoError,
-)
+from rodeo.errors import RequestError, RodeoError
 from rodeo.evidence.errors import EvidenceError
 from rodeo.host.http import answer_with_problems, problem, problems
 from rodeo.text.pydantic_words import wrong_fields
@@ -38,11 +34,6 @@ from services.console.pages.frame import Console
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
 AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="By default the last one")]
-
-
-class TaskPage(BaseModel):
-    tasks: list[Task]
-    total: int
 
 
 class Lab(BaseModel):
@@ -75,30 +66,18 @@ class Done(BaseModel):
     """Why a new task can probably not be done."""
 
 
-_STATUS_BY_CODE = {
-    "not_logged_in": 401,
-    "forbidden": 403,
-    "config_error": 404,
-    "malformed_answer": 502,
-    "bridge_not_ready": 503,
-    "bus_unavailable": 503,
-    "no_responder": 503,
-    "query_timeout": 504,
-    "unknown_task": 404,
-    "unknown_service": 404,
-    "unknown_account": 404,
-    "unknown_file": 404,
-    "unknown_query": 404,
-    "account_exists": 409,
-    "robot_unavailable": 409,
-    "insufficient_funds": 409,
-    "request_id_reused": 409,
-    "unknown_event_id": 409,
-    "invalid_event_id": 422,
-    "invalid_request": 422,
-    "weak_passphrase": 422,
-    "too_many_streams": 429,
+_CODES = {
+    401: "not_logged_in",
+    403: "forbidden",
+    404: "config_error unknown_task unknown_service unknown_account unknown_file unknown_query",
+    409: "account_exists robot_unavailable insufficient_funds request_id_reused unknown_event_id",
+    422: "invalid_event_id invalid_request weak_passphrase",
+    429: "too_many_streams",
+    502: "malformed_answer",
+    503: "bridge_not_ready bus_unavailable no_responder",
+    504: "query_timeout",
 }
+_STATUS_BY_CODE = {code: status for status, codes in _CODES.items() for code in codes.split()}
 
 _PROBLEMS = problems(
     {
@@ -162,10 +141,9 @@ def _questions_about_tasks(api: FastAPI, console: Console, caller: Any) -> None:
         ] = None,
         limit: Annotated[int, Field(ge=1, le=500)] = 50,
         offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
-    ) -> TaskPage:
+    ) -> Tasks:
         """One page of tasks, newest first."""
-        found, total = queries.tasks(limit, offset, state=state, kind=kind, text=text)
-        return TaskPage(tasks=found, total=total)
+        return queries.ask(TASKS, limit=limit, offset=offset, state=state, kind=kind, text=text)
 
     @api.get("/tasks/{task_id}")
     def task(task_id: TaskId, _user: caller) -> Task:
@@ -302,8 +280,8 @@ def _state(console: Console, what: str, caller: Any) -> Callable[..., Json]:
 
 def _copy_of_proof(console: Console, caller: Any) -> Callable[..., Iterator[Path]]:
     def copy(task_id: TaskId, _user: caller, attempt: AttemptNumber = None) -> Iterator[Path]:
-        with tempfile.TemporaryDirectory(prefix="rodeo-proof-") as folder:
-            yield console.queries.proof(console.queries.evidence(task_id, attempt), Path(folder))
+        with console.queries.proof(console.queries.evidence(task_id, attempt)) as path:
+            yield path
 
     return copy
 

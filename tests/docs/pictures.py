@@ -47,7 +47,7 @@ def _take_both(page: Page, running: RunningSite) -> None:
     open_page(page, f"/tasks/{task_id}")
     expect(page.locator(".page-head .badge")).to_have_text("settled")
     page.get_by_role("button", name="Replay the recording").click()
-    page.get_by_role("button", name=re.compile("lifted: .*grasp passed")).click()
+    page.get_by_role("button", name=re.compile("lifted: .*grasp.* passed")).click()
     page.mouse.move(0, 0)
     take(page, "console-task", 1700)
 

@@ -88,7 +88,7 @@ class Office(Desk):
 def desk(new_site: NewSite) -> Iterator[Office]:
     with founded(new_site(SITE), "console") as dao:
         dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
-        with chromium() as browser:
+        with chromium(three_d=False) as browser:
             desk = Office(dao.running, browser)
             desk.dao = dao
             desk.accounts.add_user("fuzzer", PASSPHRASE, list(Role), "organization")
@@ -213,9 +213,8 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
         for log in logs_of(client, client.send(robot, call))
         if isinstance(log.event, ServiceRegistered)
     ]
-    page = desk.page("ada")
     # The form offers what the console has heard of, and an open list does not change.
-    open_page(page, "/services")
+    page = desk.page("ada", "/services")
     expect(row(page, "Services on offer", "90 IEC")).to_be_visible()
     open_page(page, "/tasks/new")
     page.get_by_label("Reward (IEC)").fill("0.25")
@@ -238,7 +237,7 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
 
 @pytest.mark.long
 def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
-    page = desk.page("ada")
+    page = desk.page("ada", "/tasks/new")
     for _ in range(3):
         page.goto("/tasks/new", wait_until="commit")
         page.get_by_label("Reward (IEC)").fill("0.25")
@@ -254,8 +253,7 @@ def test_the_focus_stays_on_a_button_that_is_drawn_again(desk: Office) -> None:
     desk.dao.command("organization", "allow_kind", kind="window_cleaning", judge="auditor")
     offer = {"kind": "window_cleaning", "price_iec": "1000", "description": "dear"}
     service_id = desk.dao.command("eva", "register_service", **offer)["service_id"]
-    page = desk.page("ada")
-    open_page(page, "/services")
+    page = desk.page("ada", "/services")
     offered = row(page, "Services on offer", "dear")
     change = offered.get_by_role("button", name="Change service")
     tab_to(page, change)
@@ -284,8 +282,7 @@ def test_who_has_no_role_may_look_and_is_refused_whatever_they_try(desk: Office)
 
 def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> None:
     operator = desk.somebody(Role.OPERATOR)
-    page = desk.page(operator)
-    open_page(page, "/tasks/new")
+    page = desk.page(operator, "/tasks/new")
     click_map(page, 2.0, 1.0)
     expect(page.get_by_label("East, x (m)")).to_have_value(re.compile(r"2\.0|1\.9"))
     desk.accounts.change_user(operator, [], None)
@@ -298,8 +295,7 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
 @pytest.mark.long
 def test_a_session_that_was_ended_elsewhere_ends_at_the_next_click(desk: Office) -> None:
     operator = desk.somebody(Role.OPERATOR)
-    page = desk.page(operator)
-    open_page(page, "/tasks/new")
+    page = desk.page(operator, "/tasks/new")
     desk.accounts.set_passphrase(operator, "another passphrase")
     page.get_by_role("button", name="Review and post").click()
     expect(page.get_by_role("button", name="Log in")).to_be_visible()
@@ -358,8 +354,7 @@ def give(page: Page, command: str) -> None:
 
 
 def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) -> None:
-    page = desk.page("ada")
-    open_page(page, "/services")
+    page = desk.page("ada", "/services")
     page.get_by_role("button", name="Offer a service").click()
     page.get_by_label("Price (IEC)").fill("much")
     page.get_by_role("button", name="Review").click()
@@ -379,7 +374,11 @@ def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) ->
     def update(state: str) -> None:
         change("Price, pause, resume or retire")
         choose(page, "State", state)
-        give(page, "Update service")
+        page.get_by_role("dialog").get_by_role("button", name="Review").click()
+        sure = expect(page.get_by_role("dialog").get_by_role("button", name="Update service"))
+        red = re.compile("bg-negative")
+        sure.to_have_class(red) if state == "retired" else sure.not_to_have_class(red)
+        answer(page, "Update service")
         expect(offered.locator(".badge")).to_have_text(state)
 
     change("Price, pause, resume or retire")
@@ -417,8 +416,7 @@ def test_an_auditor_pays_a_part_of_what_the_oracle_passed_on(desk: Office) -> No
     task_id = desk.dao.post("120")
     desk.dao.prove(task_id)
     desk.dao.verdict(task_id, "undecided", "the verification hung twice")
-    page = desk.page("ada")
-    open_page(page, f"/tasks/{task_id}")
+    page = desk.page("ada", f"/tasks/{task_id}")
     expect(page.get_by_text("An auditor decides")).to_be_visible()
     stands = page.get_by_text(
         "passed on to the auditors: the verification hung twice; void unless one rules by"
@@ -441,7 +439,7 @@ def test_a_void_task_says_whose_doing_it_was(desk: Office) -> None:
     task_id = desk.dao.post("120")
     desk.dao.prove(task_id)
     desk.dao.verdict(task_id, "undecided", "no place has these coordinates")
-    page = desk.page("ada")
+    page = desk.page("ada", "/work")
     why = {"fault": "the creator's doing"}
     sure = rules_as_auditor(page, task_id, "void", "The door was locked", **why)
     expect(sure.get_by_text("the creator's doing")).to_be_visible()
@@ -466,8 +464,7 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
 
     installed, *before = current()
     other = "0x" + secrets.token_hex(32)
-    page = desk.page("ada")
-    open_page(page, "/services")
+    page = desk.page("ada", "/services")
     shown = row(page, "Kinds of work", "Waste disposal")
 
     def change(what: str) -> None:
@@ -504,8 +501,7 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
 
 @pytest.mark.long
 def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) -> None:
-    page = desk.page("ada")
-    open_page(page, "/services")
+    page = desk.page("ada", "/services")
     eva = row(page, "Participants", "eva")
     for what, word, is_member in (
         ("Make somebody a member", "Admit", True),
@@ -547,8 +543,7 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
 
 @pytest.mark.long
 def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_tell_why(desk: Office) -> None:
-    page = desk.page("ada")
-    open_page(page, "/treasury")
+    page = desk.page("ada", "/treasury")
     transfers = page.get_by_role("table", name="Transfers, newest first")
     for button, amount, to in (("Deposit", "12", None), ("Withdraw", "7.5", "eva")):
         page.get_by_role("button", name=button, exact=True).click()
@@ -585,8 +580,7 @@ def test_the_treasury_shows_what_everybody_earned_and_spent_by_week(desk: Office
     task_id = desk.dao.post(reward_iec="100")
     desk.dao.prove(task_id)
     desk.dao.judge(task_id, accepted=True)
-    page = desk.page("ada")
-    open_page(page, "/treasury")
+    page = desk.page("ada", "/treasury")
     lines = page.get_by_role("table", name="Earned and spent, the newest week first")
     done = lines.get_by_role("row").filter(has_text="panther1").filter(has_text="waste disposal")
     expect(done.first).to_be_visible()
@@ -606,8 +600,7 @@ def test_the_treasury_shows_what_everybody_earned_and_spent_by_week(desk: Office
 
 
 def test_a_token_is_shown_once_and_works_until_it_is_revoked(desk: Office) -> None:
-    page = desk.page(desk.somebody())
-    open_page(page, "/accounts")
+    page = desk.page(desk.somebody(), "/accounts")
     page.get_by_role("button", name="New token").click()
     page.get_by_label("What is it for?").fill("a program")
     page.get_by_role("button", name="Make it").click()
@@ -630,8 +623,7 @@ def test_a_token_is_shown_once_and_works_until_it_is_revoked(desk: Office) -> No
 
 def test_an_administrator_makes_an_account_which_its_owner_makes_their_own(desk: Office) -> None:
     name = f"dan-{secrets.token_hex(4)}"
-    page = desk.page("ada")
-    open_page(page, "/accounts")
+    page = desk.page("ada", "/accounts")
     page.get_by_role("button", name="New account").click()
     page.get_by_label("Name").fill(name)
     page.get_by_label("First passphrase").fill("first passphrase")
@@ -643,6 +635,7 @@ def test_an_administrator_makes_an_account_which_its_owner_makes_their_own(desk:
     own = desk.browser.new_page(base_url=desk.origin)
     own.goto("/accounts")
     log_in(own, name, "first passphrase")
+    own.get_by_role("button", name="Set a new one").click()
     own.get_by_label("New passphrase").fill("second passphrase")
     own.get_by_label("Current passphrase").fill("not the first one")
     own.get_by_role("button", name="Set it").click()
@@ -689,8 +682,7 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
 )
 def test_an_open_page_says_that_it_is_not_current_and_recovers_by_itself(desk: Office, process: str) -> None:
     task_id = desk.dao.post("1", allow_wait=True)
-    page = desk.page("ada")
-    open_page(page, f"/tasks/{task_id}")
+    page = desk.page("ada", f"/tasks/{task_id}")
     state = page.locator(".page-head .badge")
     expect(state).to_have_text("open")
     told = page.get_by_text("Connection lost" if process == "console" else "This page is not current")

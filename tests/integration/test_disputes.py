@@ -19,7 +19,7 @@ from rodeo.money.currency import IEC
 from rodeo.signing import keystores, wallets
 from rodeo_cli import app
 from tests.support.browser import chromium
-from tests.support.console import PASSPHRASE, Desk, open_page
+from tests.support.console import PASSPHRASE, Desk
 from tests.support.dao import Dao, founded
 from tests.support.executor import Executor, Film, stored
 from tests.support.index import index_differences
@@ -367,7 +367,7 @@ def test_who_challenges_what_is_right_pays_the_other(dao: Dao, tmp_path: Path) -
 @pytest.fixture(scope="module")
 def desk(dao: Dao) -> Iterator[Desk]:
     dao.running.start("console")
-    with chromium() as browser:
+    with chromium(three_d=False) as browser:
         desk = Desk(dao.running, browser)
         for person, participant in (("olli", "panther1"), ("bea", "bert")):
             desk.accounts.add_user(person, PASSPHRASE, [Role.EXECUTOR], participant)
@@ -386,8 +386,7 @@ def test_a_party_and_a_judge_challenge_in_the_console(
     task_id = proven(dao)
     rule(dao, task_id, first)
     before = dao.balances()["panther1"]
-    page = desk.page(person)
-    open_page(page, f"/tasks/{task_id}")
+    page = desk.page(person, f"/tasks/{task_id}")
     said = "accepted, 100 IEC" if first == "accepted" else first
     expect(page.get_by_text(f"{said}; it can be challenged until")).to_be_visible()
     page.get_by_role("button", name="Challenge").click()

@@ -19,7 +19,7 @@ from rodeo.dao import Participant
 from rodeo.signing import wallets
 from rodeo_cli import app
 from tests.support.browser import chromium
-from tests.support.console import PASSPHRASE, Desk, open_page
+from tests.support.console import PASSPHRASE, Desk
 from tests.support.dao import Dao, founded
 from tests.support.site import NewSite
 
@@ -154,12 +154,10 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
         rodeo(dao, "vote", number, "for", "--as", member)
     pass_time(PERIOD_S)
     dao.running.start("console")
-    with chromium() as browser:
+    with chromium(three_d=False) as browser:
         desk = Desk(dao.running, browser)
         desk.accounts.add_user("alice", PASSPHRASE, [Role.EXECUTOR], "alice")
-        page, reader = desk.page("alice"), desk.page("reader")
-        for one in (page, reader):
-            open_page(one, "/proposals")
+        page, reader = desk.page("alice", "/proposals"), desk.page("reader", "/proposals")
         proposes(page, reader)
         take(page, int(number), "Queue")
         mine = page.get_by_role("region", name=f"Proposal {number}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,11 @@ MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3 (AA) for text of this size."""
 
 _AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
-_VIOLATIONS = """async () => (await axe.run(document, {resultTypes: ["violations"]})).violations
+_VIOLATIONS = """async (how) => (await axe.run({resultTypes: ["violations"], ...how})).violations
   .filter((rule) => ["serious", "critical"].includes(rule.impact))
   .flatMap((rule) => rule.nodes.map((node) => `${rule.id} (${rule.impact}): ${node.html.slice(0, 200)}`))"""
+_OF_LOOKS = ("color-contrast", "link-in-text-block", "scrollable-region-focusable", "target-size")
+"""Rules that depend on colours and widths. What others ask of a page, its width does not change."""
 _FAINT = (Path(__file__).parent / "faint.js").read_text()
 _MAX_TABS = 100
 _UNSEEN_FOCUS = """() => {
@@ -54,18 +56,20 @@ def everything_is_named(page: Page) -> None:
     )
 
 
-def axe_finds_nothing(page: Page) -> None:
-    """axe-core finds nothing serious or critical; the page may still be drawn when this is called."""
+def axe_finds_nothing(page: Page, again: bool = False) -> None:
+    """axe-core finds nothing serious or critical; the page may still be drawn when this is called. `again`:
+    with other colours or another width than before."""
     if not _AXE.exists():
         pytest.skip("axe-core is missing: make setup")
-    _until_none(page, lambda: axe_faults(page))
+    _until_none(page, lambda: axe_faults(page, _OF_LOOKS if again else ()))
 
 
-def axe_faults(page: Page) -> list[str]:
-    """What axe-core finds serious or critical now."""
+def axe_faults(page: Page, rules: Sequence[str] = ()) -> list[str]:
+    """What axe-core finds serious or critical now, by these rules or by all."""
     if not page.evaluate("'axe' in window"):
         page.evaluate(f"() => {{ {_AXE.read_text()}\n }}")
-    return list(page.evaluate(_VIOLATIONS))
+    only = {"runOnly": {"type": "rule", "values": list(rules)}} if rules else {}
+    return list(page.evaluate(_VIOLATIONS, only))
 
 
 def nothing_is_faint(page: Page) -> None:

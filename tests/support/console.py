@@ -6,7 +6,7 @@ import re
 import secrets
 
 import httpx
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from rodeo.access.accounts import Accounts, accounts_path
 from rodeo.access.roles import Role
@@ -25,6 +25,7 @@ class Desk:
     def __init__(self, running: RunningSite, browser: Browser) -> None:
         self.running = running
         self.browser = browser
+        self._browsers: dict[str, BrowserContext] = {}
         self.origin = str(running.status("console").details["http"])
         self.accounts = Accounts(accounts_path(running.site), running.site.console)
         self.accounts.add_user("ada", PASSPHRASE, [role for role in Role if role is not Role.EXECUTOR])
@@ -37,14 +38,20 @@ class Desk:
         self.accounts.add_user(name, PASSPHRASE, roles)
         return name
 
-    def page(self, user: str | None) -> Page:
-        """A browser of its own, logged in as `user`."""
-        page = self.browser.new_page(base_url=self.origin, viewport={"width": 1280, "height": 900})
-        page.set_default_timeout(WAIT_MS)
-        page.goto("/")
+    def page(self, user: str | None, path: str = "/") -> Page:
+        """A page in the browser of `user`, who logged in once, or of a stranger, who is sent to the login."""
+        context = None if user is None else self._browsers.get(user)
+        known = context is not None
+        if context is None:
+            context = self.browser.new_context(base_url=self.origin, viewport={"width": 1280, "height": 900})
+            context.set_default_timeout(WAIT_MS)
+        page = context.new_page()
+        page.goto(path)
         if user is not None:
-            log_in(page, user, PASSPHRASE)
-            there(page, "Overview")
+            if not known:
+                log_in(page, user, PASSPHRASE)
+                self._browsers[user] = context
+            there(page)
         return page
 
     def client(self, user: str | None) -> httpx.Client:

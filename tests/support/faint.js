@@ -2,7 +2,9 @@
 // them, over everything behind that is not transparent.
 (limit) => {
   const canvas = document.createElement("canvas").getContext("2d", {willReadFrequently: true});
-  const rgba = (css) => {
+  const known = new Map();
+  const rgba = (css) => known.get(css) ?? known.set(css, read(css)).get(css);
+  const read = (css) => {
     canvas.clearRect(0, 0, 1, 1); canvas.fillStyle = css; canvas.fillRect(0, 0, 1, 1);
     const [r, g, b, a] = canvas.getImageData(0, 0, 1, 1).data; return [r, g, b, a / 255];
   };

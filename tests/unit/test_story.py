@@ -13,7 +13,7 @@ from rodeo.display.story import story
 from rodeo.judging.rulings import can_only_lose
 from rodeo_testing import answers
 
-ORGANIZATION, ROBOT, STRANGER, ANNA = ("0x" + digit * 40 for digit in "1234")
+ORGANIZATION, ROBOT, STRANGER, ANNA, KEY = ("0x" + digit * 40 for digit in "12347")
 ORACLES, DISPUTES = "0x" + "5" * 40, "0x" + "6" * 40
 
 
@@ -30,6 +30,7 @@ def organization() -> Organization:
     contracts = answers.CONTRACTS | {"OracleCommittee": ORACLES, "DisputeCommittee": DISPUTES}
     committee = {"name": "DisputeCommittee", "judges": [judges["anna"]], "kinds": []}
     said = {"address": ORGANIZATION, "judges": [judges["olga"], judges["otto"]], "committees": [committee]}
+    said["roles"] = {"OPERATOR_ROLE": [{"address": KEY, "name": "organization"}]}
     return Organization.model_validate(answers.organization() | said | {"contracts": contracts})
 
 
@@ -82,6 +83,12 @@ def test_each_step_is_told_with_whoever_did_it() -> None:
         "2: the treasury got 10 IEC of the stakes",
         f"2: {'0x' + '9' * 40} got 1 IEC of the stakes",
     ]
+
+
+def test_the_organizations_own_key_challenges_under_its_name() -> None:
+    challenged = event(3, "Challenged", instance=0, challenger=KEY, stake_iec="20", reason="no")
+    (step,) = story([challenged], organization())
+    assert step.who == ["organization"]
 
 
 def test_what_a_reorganization_took_back_is_no_part_of_it() -> None:

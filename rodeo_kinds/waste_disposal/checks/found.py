@@ -19,7 +19,7 @@ from rodeo.checks.motion.kinematics import inverse, turned
 from rodeo.checks.motion.phases import FALL_S, phases_of
 from rodeo.checks.motion.poses import pose_of, sighting
 from rodeo.checks.motion.replay import replay_of
-from rodeo.checks.report import Finding, at_most, equal, skipped, undecided
+from rodeo.checks.report import NOBODY, Finding, at_most, equal, skipped, undecided
 from rodeo.checks.results import once_per_case
 from rodeo.checks.tables import gaps_of
 from rodeo.errors import wrong_fields
@@ -221,14 +221,14 @@ def proposal(case: Case) -> Finding:
     item = measured(case)
     size = " x ".join(f"{size_m:.3f}" for size_m in item.size_m)
     words = (
-        "proposal: accepted. Motion capture signed base and gripper; the bin signed picture, class, weight "
+        "accepted. Motion capture signed base and gripper; the bin signed picture, class, weight "
         f"and compartment; the robot alone says that a thing of {size} m lay there and was in its fingers, "
         f"and that it felt {item.mass_kg * 9.81:.2f} N"
     )
     source = "the site's kinds.oracle_below_iec"
     below_iec = next((one.oracle_below_iec for one in case.site.kinds if one.name == case.kind), 0)
     if case.chain_record is None or case.chain_record.task.reward_iec >= below_iec:
-        return undecided(words, "nobody", source=source)
+        return undecided(words, NOBODY, source=source)
     reward_iec = float(case.chain_record.task.reward_iec)
     return Finding(
         passed=True, measured=reward_iec, limit=float(below_iec), unit="IEC", source=source, detail=words

@@ -18,7 +18,7 @@ from rodeo.checks.motion.phases import LIFTED_M
 from rodeo.checks.motion.poses import Pose, base_of, clock_ahead_s, motion_of, motions_of, moving_s, pose_of
 from rodeo.checks.motion.sources import doubtful, whose
 from rodeo.checks.motion.witnesses import MOVED_M, UNSEEN_S
-from rodeo.checks.report import Finding, given_up, impossible, standing, undecided
+from rodeo.checks.report import NOBODY, Finding, given_up, impossible, standing, undecided
 from rodeo.checks.signed.heads import LISTED_S, fork, in_file, listed
 from rodeo.checks.signed.testimony import bin_said, own_said, said_before
 from rodeo.evidence.series import Array
@@ -256,13 +256,13 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         heard = any(in_file(case, head) for _, head in listed(case, motion_of(case)))
         # No slack: who knows the task may have moved it, assigned or not, before its recording began.
         if rested_s > task.registered or lost_in_a_row(motion_of(case)) or shifted or not heard:
-            return undecided("nobody can tell since when the item lies elsewhere", "nobody", _SOURCE)
+            return undecided("nobody can tell since when the item lies elsewhere", NOBODY, _SOURCE)
         nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
         found = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
         return found.model_copy(update={"measured": nearest_m, "limit": PLACE_LIMIT_M, "unit": "m"})
     if rested_s > task.assigned:
         # A kick of a hand's width is no less one because the recording began after it.
-        return undecided("nobody can tell where the item lay before the recording", "nobody", _SOURCE)
+        return undecided("nobody can tell where the item lay before the recording", NOBODY, _SOURCE)
     return given_up(f"the executor reports: {reported_failure(case)}", _SOURCE)
 
 

@@ -14,35 +14,24 @@ from services.console.pages import frame, widgets
 from services.console.pages.frame import Console
 
 
-def register(console: Console) -> None:
-    frame.register(console, "/accounts", AccountsPage)
-
-
 class AccountsPage:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._name = frame.user().name
         if frame.user().has(Role.ADMINISTRATOR):
-            with widgets.card("People") as head:
-                with head:
-                    ui.button("New account", icon="person_add", on_click=self._create).props("flat dense")
+            with widgets.card("People", button=("New account", "person_add", self._create)):
                 self._people = widgets.Section(self._draw_people).waiting()
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), widgets.card("Your tokens") as head:
-                with head:
-                    ui.button("New token", icon="add", on_click=self._issue).props("flat dense")
+            new = "New token", "add", self._issue
+            with ui.element("div").classes("stack span-7"), widgets.card("Your tokens", button=new):
                 told = "With a token a program may do under /api whatever you may do here."
                 widgets.Text("p", f"{told} Their times are the wall clock's.", "soft")
                 self._tokens = widgets.Section(self._draw_tokens).waiting()
             with ui.element("div").classes("stack span-5"), widgets.card("Your passphrase"):
                 widgets.Text("p", "A new passphrase ends all your sessions, including this one.", "soft")
-                self._current = ui.input("Current passphrase", password=True).props(
-                    "outlined dense autocomplete=current-password"
+                ui.button("Set a new one", on_click=self._set_passphrase).props("outline").style(
+                    "align-self: start"
                 )
-                self._new = ui.input("New passphrase", password=True).props(
-                    "outlined dense autocomplete=new-password"
-                )
-                ui.button("Set it", on_click=self._set_passphrase).props("outline").style("align-self: start")
         # After the page is there: the framework gives up on one that takes long to answer.
         ui.timer(0, self.load, once=True)
 
@@ -58,8 +47,17 @@ class AccountsPage:
             await self.load()
         return reply
 
-    async def _done(self, name: str, request: Json, done: str) -> bool:
-        return await self._act(name, request, done) is not None
+    async def _ask(
+        self, title: str, fields: dict[str, widgets.Field], action: str, name: str, fixed: Json
+    ) -> None:
+        """Ask for roles and participant of an account, and what else there is in `fields`."""
+
+        async def give(answer: dict[str, str]) -> bool:
+            roles = [role for role in answer["roles"].split(",") if role]
+            request = {**fixed, **answer, "roles": roles, "participant": answer["participant"] or None}
+            return await self._act(name, request, f"Done: {title.lower()}") is not None
+
+        await widgets.ask_form(title, fields, action, give)
 
     # -- people ----------------------------------------------------------------------------------------
 
@@ -84,37 +82,26 @@ class AccountsPage:
                 word = "Enable" if person.disabled else "Disable"
                 ui.menu_item(word, partial(self._set_disabled, person, not person.disabled))
 
-    def _participant(self, now: str = "") -> widgets.Field:
-        choices = {"": "nobody"} | {name: name for name in workers(self._console.site)}
-        return widgets.Field("Participant, for an executor", now, choices)
+    def _may(self, person: User | None = None) -> dict[str, widgets.Field]:
+        """Roles and participant, as they are now."""
+        roles, works_as = ("", "") if person is None else (",".join(person.roles), person.participant or "")
+        all_roles = {role.value: role.value for role in Role}
+        names = {"": "nobody"} | {name: name for name in workers(self._console.site)}
+        return {
+            "roles": widgets.Field("Roles; none: read-only", roles, all_roles, several=True),
+            "participant": widgets.Field("Participant, for an executor", works_as, names),
+        }
 
     async def _create(self) -> None:
-        await widgets.ask_form(
-            "New account",
-            {
-                "name": widgets.Field("Name"),
-                "passphrase": widgets.Field("First passphrase, 12 characters or more", secret=True),
-                "roles": _roles(),
-                "participant": self._participant(),
-            },
-            "Make it",
-            lambda answer: self._done("create_user", _account(answer), f"{answer['name']} may log in"),
-        )
+        secret = widgets.Field("First passphrase, 12 characters or more", secret="new-password")
+        fields = {"name": widgets.Field("Name"), "passphrase": secret, **self._may()}
+        await self._ask("New account", fields, "Make it", "create_user", {})
 
     @widgets.on_page
     async def _change(self, person: User) -> None:
         fixed = {"name": person.name, "disabled": person.disabled}
-        await widgets.ask_form(
-            f"Roles of {person.name}",
-            {
-                "roles": _roles(",".join(person.roles)),
-                "participant": self._participant(person.participant or ""),
-            },
-            "Change them",
-            lambda answer: self._done(
-                "change_user", fixed | _account(answer), f"{person.name} has these roles now"
-            ),
-        )
+        title, fields = f"Roles of {person.name}", self._may(person)
+        await self._ask(title, fields, "Change them", "change_user", fixed)
 
     @widgets.on_page
     async def _set_disabled(self, person: User, disabled: bool) -> None:
@@ -162,20 +149,15 @@ class AccountsPage:
         await widgets.ask_form("New token", {"label": widgets.Field("What is it for?")}, "Make it", issue)
 
     async def _set_passphrase(self) -> None:
-        request = {
-            "name": self._name,
-            "passphrase": self._new.value or "",
-            "current": self._current.value or "",
-        }
-        if await frame.act(self._console, "set_passphrase", request) is not None:
+        async def give(answer: dict[str, str]) -> bool:
+            request = {"name": self._name, **answer}
+            if await frame.act(self._console, "set_passphrase", request) is None:
+                return False
             ui.navigate.to("/login")
+            return True
 
-
-def _roles(now: str = "") -> widgets.Field:
-    choices = {role.value: role.value for role in Role}
-    return widgets.Field("Roles; none: read-only", now, choices, several=True)
-
-
-def _account(answer: dict[str, str]) -> Json:
-    roles = [role for role in answer["roles"].split(",") if role]
-    return {**answer, "roles": roles, "participant": answer["participant"] or None}
+        fields = {
+            "current": widgets.Field("Current passphrase", secret="current-password"),
+            "passphrase": widgets.Field("New passphrase", secret="new-password"),
+        }
+        await widgets.ask_form("Your passphrase", fields, "Set it", give)

@@ -31,14 +31,8 @@ class BudgetVotesSection:
         self._all.show(answer.budget_votes)
 
     def _draw(self, budget_votes: list[queries.BudgetVote]) -> None:
-        if not budget_votes:
-            return
-        with ui.element("div").classes("stack"):
-            for one in budget_votes:
-                with widgets.card(f"Budget vote {one.number}") as head:
-                    with head:
-                        widgets.badge(one.state)
-                    self._draw_one(one)
+        if budget_votes:
+            widgets.cards("Budget vote", budget_votes, self._draw_one)
 
     def _draw_one(self, one: queries.BudgetVote) -> None:
         member = frame.user().participant if frame.user().has(Role.EXECUTOR) else None

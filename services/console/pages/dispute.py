@@ -34,9 +34,8 @@ def challenger_of(console: Console, task: Task, user: User) -> str | None:
     if task.standing is None or task.dispute is None or task.dispute.challenge_iec is None:
         return None
     challenger, parties = task.dispute.challenger, (task.creator_name, task.executor_name)
-    names = {one.address: one.name for one in console.live.summary.wallets}
     # The organization's own key challenges in its name.
-    if challenger in (task.creator, task.executor) or (challenger and names.get(challenger) in parties):
+    if challenger is not None and console.live.summary.names.get(challenger) in parties:
         return None
     disputes = console.site.disputes
     instances = [] if disputes is None else disputes.instances
@@ -79,5 +78,4 @@ def draw_story(story: list[Step] | str) -> None:
         widgets.Text("h3", "Dispute")
         with ui.element("ol").props('aria-label="Story of the dispute"'):
             for step in story:
-                with ui.element("li"):
-                    widgets.Text("span", f"{frame.when(step.time_s)}: {step.text}", "wrap")
+                widgets.Text("li", f"{frame.when(step.time_s)}: {step.text}", "wrap")

@@ -68,10 +68,11 @@ async def ask_command(
     start: Mapping[str, Any] | None = None,
     proposal: Proposing | None = None,
     offered: Mapping[str, dict[str, str]] | None = None,
+    told: Iterable[tuple[str, str]] = (),
 ) -> None:
     """Ask for the command's fields that are not `known` and for confirmation, and have it done, or only
     proposed. `start` has the fields' present values, as far as known; `offered` a field's choices, where only
-    this site knows them."""
+    this site knows them; `told` is what else is confirmed."""
     model, known, what = COMMANDS[name], known or {}, title_of(name)
     fields = _fields(model, known, start or {})
     fields |= {key: replace(fields[key], choices=choices) for key, choices in (offered or {}).items()}
@@ -82,12 +83,12 @@ async def ask_command(
 
     async def give(answer: dict[str, str]) -> bool:
         said: Json = {key: one for key, one in answer.items() if one}
-        lines = [(phrase(bare(key)).capitalize(), str(one)) for key, one in known.items()]
+        lines = [*told, *((phrase(bare(key)).capitalize(), str(one)) for key, one in known.items())]
         lines += [(fields[key].label, one) for key, one in said.items()]
         why = said.pop(_WHY, "")
         request = known | {key: one.split(",") if _is_list(model, key) else one for key, one in said.items()}
         amount = f" {said['amount_iec']} IEC" if "amount_iec" in said else ""
-        danger = model.declared.console is not None and model.declared.console.for_good
+        danger = (by := model.declared.console) is not None and by.warns(request)
         sent = name, request
         if proposal is not None:
             lines = [("What it does", summary), *lines, ("Then", proposal.then)]

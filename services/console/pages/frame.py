@@ -66,17 +66,19 @@ class Place:
     icon: str
     roles: frozenset[Role] = frozenset()
     """Roles that see it in the menu; empty: everybody."""
+    heading: bool = True
+    """Whether its title stands above it; others draw their own."""
 
 
 PLACES = (
-    Place("Overview", "/", "dashboard"),
+    Place("Overview", "/", "dashboard", heading=False),
     Place("Tasks", "/tasks", "checklist"),
     Place("Replay", "/replay", "replay"),
     Place("Services", "/services", "handyman"),
-    Place("Treasury", "/treasury", "account_balance"),
+    Place("Treasury", "/treasury", "account_balance", heading=False),
     Place("Proposals", "/proposals", "how_to_vote"),
     Place("My work", "/work", "assignment_ind", frozenset({Role.EXECUTOR, Role.AUDITOR})),
-    Place("Operator", "/operator", "sports_esports", frozenset({Role.OPERATOR})),
+    Place("Operator", "/operator", "sports_esports", frozenset({Role.OPERATOR}), heading=False),
     Place("Accounts", "/accounts", "manage_accounts"),
 )
 
@@ -142,13 +144,13 @@ def page(console: Console, title: str, path: str, *, heading: bool = True) -> It
     ui.skip_link(target=main)
 
 
-def register(console: Console, path: str, draw: Callable[[Console], object], *, heading: bool = True) -> None:
+def register(console: Console, path: str, draw: Callable[[Console], object]) -> None:
     """Have `draw` fill the page of the menu at this path."""
-    title = next(one.title for one in PLACES if one.path == path)
+    place = next(one for one in PLACES if one.path == path)
 
     @ui.page(path)
     def show() -> None:
-        with page(console, title, path, heading=heading):
+        with page(console, place.title, path, heading=place.heading):
             draw(console)
 
 
@@ -305,7 +307,3 @@ def time_left(console: Console, deadline_s: float) -> None:
     # A screen reader reads it where it stands, and not at each change.
     shown = widgets.Text("span", words(), "soft").props('aria-live="off"')
     ui.timer(_LEFT_S, lambda: shown.set_text(words()))
-
-
-def back_link(text: str, path: str) -> None:
-    widgets.Link(f"← {text}", path, "soft")

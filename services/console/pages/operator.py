@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -22,18 +23,17 @@ _ORDERS = (
     ("Resume", "resume_robot", "play_arrow", "takes work again"),
     ("Charge", "charge_robot", "bolt", "buys a charge now"),
 )
-
-
 _ELSEWHERE = ("robot", "paused", "stopped", "charge_ordered", "progress")
 """Shown in the card's title, as a badge or as a bar."""
+_HELD = {"stopped": "bad", "paused": "warn"}
+_WORDS: dict[str, tuple[str, Callable[[float], str]]] = {
+    "soc": ("Battery", share),
+    "eta_s": ("Finished in", lambda left_s: f"about {span(left_s)}"),
+}
 _UNITS = {"km": "km", "m": "m", "w": "W", "wh": "Wh", "s": "s"}
 
 
-def register(console: Console) -> None:
-    frame.register(console, "/operator", _draw_page, heading=False)
-
-
-def _draw_page(console: Console) -> None:
+def draw(console: Console) -> None:
     with frame.page_head("Operator"):
         if frame.user().has(Role.OPERATOR):
             stop = ui.button("Stop everything", icon="front_hand", color="negative")
@@ -84,12 +84,8 @@ class RobotCard:
 
     def _draw(self, state: Json, offers: list[Offer]) -> None:
         with ui.element("div").classes("line tight"):
-            if state.get("stopped"):
-                widgets.badge("stopped", "bad")
-            elif state.get("paused"):
-                widgets.badge("paused", "warn")
-            else:
-                widgets.badge("working", "good")
+            held = next((one for one in _HELD if state.get(one)), "working")
+            widgets.badge(held, _HELD.get(held, "good"))
             if state.get("charge_ordered"):
                 widgets.badge("will charge", "info")
         with widgets.facts():
@@ -103,11 +99,7 @@ class RobotCard:
             if back := ", ".join(str(one.id) for one in offers if one.stood_back):
                 widgets.fact("Services that stand back", back)
             for name, value in state.items():
-                if name == "soc" and isinstance(value, int | float):
-                    widgets.fact("Battery", share(float(value)))
-                elif name == "eta_s" and isinstance(value, int | float):
-                    widgets.fact("Finished in", f"about {span(float(value))}")
-                elif name not in _ELSEWHERE and value not in (None, ""):
+                if name not in _ELSEWHERE and value not in (None, ""):
                     label, words = _said(name, value)
                     widgets.fact(label, words[:300], "wrap")
         if isinstance(state.get("progress"), int | float):
@@ -141,6 +133,9 @@ async def _stop_all(console: Console) -> None:
 
 def _said(name: str, value: Any) -> tuple[str, str]:
     """A field of an agent's report, as people read it: units are in the names."""
+    if name in _WORDS and isinstance(value, int | float):
+        label, words = _WORDS[name]
+        return label, words(value)
     plain, _, unit = name.rpartition("_")
     label = (plain if unit in _UNITS else name).replace("_", " ").capitalize()
     if isinstance(value, bool):

@@ -3,6 +3,7 @@ the processes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from decimal import Decimal
 from functools import partial
 
@@ -22,21 +23,17 @@ from services.console.pages.feed import FeedCard
 from services.console.pages.frame import Console
 
 
-def register(console: Console) -> None:
-    frame.register(console, "/", _draw_page, heading=False)
-
-
-def _draw_page(console: Console) -> None:
+def draw(console: Console) -> None:
     with frame.page_head("Overview"):
         if frame.user().has(Role.OPERATOR):
             ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
     problem = frame.problem_section()
-    Needs(console)
+    _draw_what_waits(console)
     with widgets.card("Lab"):
         lab_map = LabViews(console.lab, "robots and items").map
         seen = widgets.Section(_draw_seen)
     with widgets.card("Robots"):
-        working = widgets.Section(_draw_robots)
+        working = widgets.Section(partial(widgets.table, "Robots", _ROBOTS, none="This site has no robots."))
     with ui.element("div").classes("grid"):
         with ui.element("div").classes("stack span-7"):
             FeedCard(console)
@@ -53,7 +50,7 @@ def _draw_page(console: Console) -> None:
     def show_map() -> None:
         state = console.live.map
         lab_map.show(state)
-        seen.show([(name, one) for name, one in _seen(state).items()])
+        seen.show([*_seen(state)])
         show_robots()
 
     def show_processes() -> None:
@@ -64,24 +61,20 @@ def _draw_page(console: Console) -> None:
     frame.follow(console, "processes", show_processes)
 
 
-class Needs:
+def _draw_what_waits(console: Console) -> None:
     """What the overview begins with: what waits for a person."""
+    energy = console.kinds.providing("energy")
+    charging = None if energy is None else energy.name
+    with widgets.card("Needs a person"):
+        found = widgets.Section(_draw_needs).waiting().live()
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        energy = console.kinds.providing("energy")
-        self._charging = None if energy is None else energy.name
-        with widgets.card("Needs a person"):
-            self._found = widgets.Section(_draw_needs).waiting().live()
-        for what in ("processes", "organization"):
-            frame.follow(console, what, self._show)
+    def show() -> None:
+        live = console.live
+        processes = live.heartbeats.processes
+        found.show(needs(Seen(console.site, live.summary, processes, frame.user(), charging, frame.when)))
 
-    def _show(self) -> None:
-        console, live = self._console, self._console.live
-        known = Seen(
-            console.site, live.summary, live.heartbeats.processes, frame.user(), self._charging, frame.when
-        )
-        self._found.show(needs(known))
+    for what in ("processes", "organization"):
+        frame.follow(console, what, show)
 
 
 class Work:
@@ -117,21 +110,19 @@ def _count(counts: dict[str, int], *states: str) -> str:
     return f"{sum(counts.get(state, 0) for state in states):,}" if counts else "–"
 
 
-def _seen(state: Json) -> dict[str, str]:
+def _seen(state: Json) -> Iterator[str]:
     """Where each robot's position comes from, in words that change rarely."""
-    words = {}
     for name, one in state["robots"].items():
         if "x" not in one:
-            words[name] = f"{name} has not reported its position yet."
+            yield f"{name} has not reported its position yet."
         elif not one["fresh"]:
-            words[name] = f"{name} is silent. The map shows its last known position."
+            yield f"{name} is silent. The map shows its last known position."
         elif one["source"] != "motion capture":
-            words[name] = f"The position of {name} comes from its {one['source']}, which drifts."
-    return words
+            yield f"The position of {name} comes from its {one['source']}, which drifts."
 
 
-def _draw_seen(words: list[tuple[str, str]]) -> None:
-    for _, text in words:
+def _draw_seen(words: list[str]) -> None:
+    for text in words:
         widgets.Text("p", text, "soft")
 
 
@@ -148,25 +139,21 @@ def _draw_needs(found: list[Need]) -> None:
 
 _ROBOTS: widgets.Columns[RobotState] = (
     widgets.Column("Robot", lambda one: widgets.Link(one.name, "/operator")),
-    widgets.Column("State", lambda one: widgets.badge(one.state)),
+    widgets.Column("State", lambda one: widgets.badge(one.mind.state)),
     widgets.Column("Battery", lambda one: share(one.soc), "number"),
-    widgets.Column("Task", lambda one: _draw_task(one.task_id), "wide-only"),
+    widgets.Column("Task", lambda one: _draw_task(one.mind.task_id), "wide-only"),
     widgets.Column("Place", lambda one: one.place, "wide-only"),
-    widgets.Column("Last word", lambda one: _draw_word(one), "wrap"),
+    widgets.Column("Last word", lambda one: _draw_word(one.mind), "wrap"),
 )
-
-
-def _draw_robots(found: list[RobotState]) -> None:
-    widgets.table("Robots", _ROBOTS, found, "This site has no robots.")
 
 
 def _draw_task(task_id: int | None) -> object:
     return "–" if task_id is None else widgets.Link(f"task {task_id}", f"/tasks/{task_id}")
 
 
-def _draw_word(one: RobotState) -> None:
+def _draw_word(one: ProcessState) -> None:
     left = f", about {span(one.eta_s)} left" if one.eta_s is not None else ""
-    widgets.Text("span", brief(one.said) + left)
+    widgets.Text("span", brief(one.doing or "–") + left)
     if one.progress is not None:
         widgets.progress_bar(one.progress, one.name)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from nicegui import ui
@@ -12,7 +12,6 @@ from nicegui.events import UploadEventArguments
 from rodeo.bus.session import decode_json
 from rodeo.display.formatting import parameter
 from rodeo.kinds import Kind
-from rodeo.lab.config import BinConfig, DockConfig, PlaceConfig
 from rodeo.person import photos
 from rodeo.person.statement import MAX_PHOTO_BYTES
 from rodeo.site.config import Site
@@ -89,15 +88,15 @@ class Parameters:
     def _field(self, name: str, schema: Json, changed: Callable[[], None]) -> Any:
         if _form(schema) == "item":
             first = next(iter(self._items), None)
-            return ui.select(self._items, value=first, label=_label(name, schema), on_change=changed)
+            return ui.select(self._items, value=first, label=label(name, schema), on_change=changed)
         if _form(schema) == "photo":
-            return PhotoField(self._site, _label(name, schema), changed)
+            return PhotoField(self._site, label(name, schema), changed)
         return _field(self._site, name, schema, changed)
 
     def told(self) -> list[tuple[str, str]]:
         """Each field's label and value, for the person who confirms them; without those that are empty."""
         return [
-            (_label(name, self._properties[name]), str(field.value) or field.options[""])
+            (label(name, self._properties[name]), str(field.value) or field.options[""])
             for name, field in self.fields.items()
             if field.value is not None and (field.value != "" or hasattr(field, "options"))
         ]
@@ -124,39 +123,41 @@ class PhotoField(widgets.FileDrop):
         self._changed()
 
 
+_THINGS: dict[str, Callable[[Site], list[str]]] = {
+    "robot": lambda site: [one.name for one in site.robots],
+    "bin": lambda site: [one.name for one in site.bins],
+    "dock": lambda site: [one.name for one in site.docks],
+    "place": lambda site: [one.name for one in site.places],
+}
+"""Format of a parameter -> what of the site it can name."""
+_NUMBERS: dict[str, Json] = {
+    "percent": {"min": 0, "max": 100},
+    "map-x": {"step": 0.05, "format": "%.2f"},
+    "map-y": {"step": 0.05, "format": "%.2f"},
+}
+
+
 def _field(site: Site, name: str, schema: Json, changed: Callable[[], None]) -> Any:
-    label, form = _label(name, schema), _form(schema)
+    how: Json = {"label": label(name, schema), "on_change": changed}
+    form, kind = _form(schema), schema.get("type")
     proposed = _shown(schema, next(iter(schema.get("examples", [])), None))
-    if form == "robot":
-        robots = [one.name for one in site.robots]
-        return ui.select(robots, value=next(iter(robots), None), label=label, on_change=changed)
-    named: dict[str, Sequence[BinConfig | DockConfig | PlaceConfig]] = {
-        "bin": site.bins, "dock": site.docks, "place": site.places
-    }  # fmt: skip
-    if form in named:
-        names = [one.name for one in named[form]]
-        return ui.select(names, label=label, clearable=True, on_change=changed)
+    if form in _THINGS:
+        things, needed = _THINGS[form](site), form == "robot"
+        first = next(iter(things), None) if needed else None
+        return ui.select(things, value=first, clearable=not needed, **how)
     if "enum" in schema:
-        return ui.select(schema["enum"], value=proposed, label=label, on_change=changed)
-    if form == "percent":
-        return ui.number(label, value=proposed, min=0, max=100, on_change=changed)
-    if form in ("map-x", "map-y"):
-        return ui.number(label, step=0.05, format="%.2f", on_change=changed)
-    if schema.get("type") in ("number", "integer"):
-        return ui.number(
-            label,
-            value=proposed,
-            min=schema.get("minimum"),
-            max=schema.get("maximum"),
-            precision=0 if schema["type"] == "integer" else None,
-            on_change=changed,
-        )
-    if schema.get("type") == "boolean":
-        return ui.checkbox(label, value=bool(proposed), on_change=changed)
-    return ui.input(label, value=proposed or "", on_change=changed)
+        return ui.select(schema["enum"], value=proposed, **how)
+    if kind in ("number", "integer"):
+        limits = {"min": schema.get("minimum"), "max": schema.get("maximum")}
+        whole = {"precision": 0} if kind == "integer" else {}
+        proposed = None if form.startswith("map-") else proposed
+        return ui.number(value=proposed, **_NUMBERS.get(form, limits | whole), **how)
+    if kind == "boolean":
+        return ui.checkbox(how["label"], value=bool(proposed), on_change=changed)
+    return ui.input(value=proposed or "", **how)
 
 
-def _label(name: str, schema: Json) -> str:
+def label(name: str, schema: Json) -> str:
     return str(schema.get("title") or parameter(name))
 
 

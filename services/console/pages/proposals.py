@@ -3,8 +3,6 @@ here members vote, and proposals are queued, executed and withdrawn."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
 from typing import get_args
 
 from nicegui import ui
@@ -24,36 +22,21 @@ from services.console.pages.frame import Console
 SHOWN = 50
 
 
-@dataclass(frozen=True)
-class _Step:
-    """What is done to a proposal as a whole."""
-
-    action: str
-    button: str
-    states: tuple[str, ...]
-    """States in which it can be done."""
-    done: str
-
-
 _STEPS = (
-    _Step("queue_proposal", "Queue", ("succeeded",), "Queued proposal {}"),
-    _Step("execute_proposal", "Execute", ("queued", "ready"), "Executed proposal {}"),
-    _Step("cancel_proposal", "Withdraw", ("waiting", "ready"), "Withdrew proposal {}"),
+    ("Queue", "queue_proposal", ("succeeded",)),
+    ("Execute", "execute_proposal", ("queued", "ready")),
+    ("Withdraw", "cancel_proposal", ("waiting", "ready")),
 )
-
-
+"""What is done to a proposal as a whole: the button, its action, and the states in which it can be done."""
 _MADE_BY = {
     "changeKey": "change_judge_key",
     "open": "open_budget_vote",
     "seat": "seat_judge",
+    "setWindows": "allow_kind",
     "updateDelay": "set_delay",
     "vouchFor": "vouch",
 }
 """Functions of contracts -> the command that calls them, where that has another name."""
-
-
-def register(console: Console) -> None:
-    frame.register(console, "/proposals", ProposalsPage)
 
 
 def decided(organization: queries.Organization) -> str:
@@ -118,17 +101,12 @@ class ProposalsPage:
         if not proposals:
             widgets.empty("Nothing was proposed yet.")
             return
-        with ui.element("div").classes("stack"):
-            for one in proposals:
-                with widgets.card(f"Proposal {one.number}") as head:
-                    with head:
-                        widgets.badge(one.state)
-                    self._draw_one(one)
+        widgets.cards("Proposal", proposals, self._draw_one)
 
     def _draw_one(self, one: queries.Proposal) -> None:
         widgets.Text("p", one.description, "wrap")
         with widgets.facts():
-            widgets.fact("Would do", "; ".join(map(does, one.calls)), "wrap")
+            widgets.fact("Would do", "; ".join(dict.fromkeys(map(does, one.calls))), "wrap")
             widgets.fact("Would call", calls_in_words(one.calls), "wrap")
             if one.vote_end_s is None:
                 widgets.fact("Proposed", frame.when(one.created_s))
@@ -147,12 +125,26 @@ class ProposalsPage:
             member = frame.user().participant if frame.user().has(Role.EXECUTOR) else None
             if one.state == "active" and member is not None and member not in voted:
                 for support in get_args(Support):
-                    ui.button(f"Vote {support}", on_click=partial(self._vote, one, support)).props("outline")
-            for step in _STEPS:
-                if one.state in step.states and frame.may(step.action):
-                    button = ui.button(step.button, on_click=partial(self._take, one, step)).props("outline")
+                    self._button(one, f"Vote {support}", "cast_vote", support=support)
+            for word, action, states in _STEPS:
+                if one.state in states and frame.may(action):
+                    button = self._button(one, word, action)
                     if one.state == "queued" and one.ready_s is not None:
                         self._enable_from(one.ready_s, button)
+
+    def _button(self, one: queries.Proposal, word: str, action: str, **more: str) -> ui.button:
+        @widgets.on_page
+        async def take() -> None:
+            lines = [("Proposal", one.description), ("Would call", calls_in_words(one.calls))]
+            title = f"{word} {'on ' if more else ''}proposal {one.number}?"
+            if await widgets.confirm(title + " It cannot be changed." * bool(more), lines, word):
+                request = {"proposal": one.number, **more}
+                await frame.act(
+                    self._console, action, request, f"Done: {word.lower()}, proposal {one.number}"
+                )
+                self._refresh()
+
+        return ui.button(word, on_click=take).props("outline")
 
     def _enable_from(self, ready_s: float, button: ui.button) -> None:
         def look() -> None:
@@ -161,22 +153,3 @@ class ProposalsPage:
 
         look()
         ui.timer(LOOK_S, look)
-
-    @widgets.on_page
-    async def _vote(self, one: queries.Proposal, support: str) -> None:
-        if await self._confirm(one, "Vote? It cannot be changed.", f"Vote {support}"):
-            done = f"Voted {support} on proposal {one.number}"
-            await frame.act(self._console, "cast_vote", {"proposal": one.number, "support": support}, done)
-            self._refresh()
-
-    @widgets.on_page
-    async def _take(self, one: queries.Proposal, step: _Step) -> None:
-        if await self._confirm(one, f"{step.button} proposal {one.number}?", step.button):
-            await frame.act(
-                self._console, step.action, {"proposal": one.number}, step.done.format(one.number)
-            )
-            self._refresh()
-
-    async def _confirm(self, one: queries.Proposal, title: str, action: str) -> bool:
-        lines = [("Proposal", one.description), ("Would call", calls_in_words(one.calls))]
-        return await widgets.confirm(title, lines, action)

@@ -40,8 +40,8 @@ def register(console: Console) -> None:
 def track_of(console: Console, evidence: Evidence) -> Json:
     """The recording as `LabReplay` shows it, with its report's checks. Raises UnknownFile, EvidenceError."""
     report = console.queries.report(evidence) if evidence.report_sha256 else None
-    with tempfile.TemporaryDirectory(prefix="rodeo-replay-") as folder:
-        return track(open_proof(console.queries.proof(evidence, Path(folder))), console.site, report)
+    with console.queries.proof(evidence) as path:
+        return track(open_proof(path), console.site, report)
 
 
 class _Side:
@@ -64,6 +64,7 @@ class _Side:
                 )
             self._told = widgets.Text("p", "", "soft").props('aria-live="polite"')
             self._views = LabViews(console.lab, f"the {side} recording")
+            self._views.element.visible = False
         if wanted[side]:
             ui.timer(0.1, show, once=True)
 
@@ -96,4 +97,5 @@ class _Side:
 
     def _show(self, recording: Json, told: str) -> None:
         self._told.set_text(told)
+        self._views.element.visible = True
         self._views.replay.show(recording)

@@ -40,7 +40,7 @@ class Rules:
 
     def _draw_kinds(self, organization: queries.Organization) -> None:
         columns: widgets.Columns[queries.KindRules] = (
-            widgets.Column("Kind of work", lambda one: kind(one.kind)),
+            widgets.Column("Kind of work", lambda one: kind(one.kind), "plain-wide"),
             widgets.Column("Judged by", judged_by, "wrap"),
             widgets.Column("Time", lambda one: windows_in_words(one) or "–", "wrap wide-only"),
             widgets.Column("Counts up to", _counted, "number wide-only"),

@@ -27,30 +27,20 @@ from services.console.pages.frame import Console
 from services.console.pages.rules import Rules, judged_by
 
 
-def register(console: Console) -> None:
-    frame.register(console, "/services", ServicesPage)
-
-
 class ServicesPage:
     def __init__(self, console: Console) -> None:
         self._console = console
         person = frame.user()
         self._refresh = frame.follow_async(console, "events", self._load)
-        with widgets.card("Services") as head:
-            if person.has(Role.OPERATOR, Role.EXECUTOR):
-                with head:
-                    ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
+        offers = person.has(Role.OPERATOR, Role.EXECUTOR)
+        with widgets.card("On offer", button=("Offer a service", "add", self._offer) if offers else None):
             self._services = widgets.Section(self._draw_services).waiting()
         with widgets.card("Rules"):
             self._rules = widgets.Section(Rules(console, self._refresh).draw).waiting()
         with widgets.card("Participants"):
             self._participants = widgets.Section(partial(_draw_participants, console)).waiting()
-        with widgets.card("Device keys") as head:
-            if person.has(Role.ADMINISTRATOR):
-                with head:
-                    ui.button(
-                        "Register a key", icon="add", on_click=partial(self._ask, "register_device")
-                    ).props("flat dense")
+        register = "Register a key", "add", partial(self._ask, "register_device")
+        with widgets.card("Device keys", button=register if person.has(Role.ADMINISTRATOR) else None):
             self._devices = widgets.Section(self._draw_devices).waiting()
 
     async def _load(self) -> None:
@@ -111,15 +101,12 @@ class ServicesPage:
     @widgets.on_page
     async def _agree(self, service: queries.Offer) -> None:
         judged = next((one for one in self._organization.kinds if one.kind == service.kind), None)
-        lines = [
-            ("Service", f"{service.id} · {kind(service.kind)}"),
+        told = [
             ("Judged by", "" if judged is None else judged_by(judged)),
             ("Bond that stands for it", iec(service.bond_iec)),
         ]
-        if await widgets.confirm("Agree to the present judge?", lines, "Agree"):
-            request = {"service_id": service.id, "participant": service.provider_name}
-            if await frame.act(self._console, "agree", request, f"Service {service.id} has agreed"):
-                self._refresh()
+        known = {"service_id": service.id, "participant": service.provider_name}
+        await ask_command(self._console, "agree", self._refresh, known, told=told)
 
     async def _offer(self) -> None:
         person = frame.user()

@@ -19,7 +19,6 @@ from rodeo.display.formatting import (
     iec,
     kind,
     number,
-    parameter,
     party,
     passed_in_words,
     phrase,
@@ -48,6 +47,7 @@ from services.console.lab_map import LabViews
 from services.console.pages import dispute, frame, widgets
 from services.console.pages.forms import ask_command
 from services.console.pages.frame import Console
+from services.console.pages.parameters import label
 from services.console.pages.replay import track_of
 from services.console.pages.task_evidence import TaskEvidence
 from services.console.posting import fitting
@@ -70,7 +70,7 @@ class TaskPage:
         self._chosen: int | None = None
         """The attempt whose proof and report are shown; None for the newest that has one."""
         self._live = False
-        frame.back_link("Tasks", "/tasks")
+        widgets.Link("← Tasks", "/tasks", "soft")
         self._head = widgets.Section(self._draw_head).live()
         self._refresh = frame.follow_async(console, "events", self._load)
         self._parts = ui.element("div").classes("stack")
@@ -117,7 +117,7 @@ class TaskPage:
         self._live = task.state in LIVE_STATES
         self._head.show(task)
         self._progress.show(task, ended_s(events))
-        names = {one.address: one.name for one in self._console.live.summary.wallets}
+        names = self._console.live.summary.names
         try:
             transactions = (await frame.ask(queries.ask, TRANSACTIONS, task_id=self._task_id)).transactions
             self._transactions.show(transactions, "")
@@ -189,10 +189,10 @@ class TaskPage:
                     cancel.props("outline color=negative")
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
             dispute.draw_button(self._console, task)
-            if self._can_be_concluded(task) and frame.user().has(
-                Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR
-            ):
-                ui.button("Conclude", on_click=lambda: self._conclude(task)).props("outline")
+            if self._can_be_concluded(task) and frame.may("conclude"):
+                request, done = {"task_id": task.id}, f"Task {task.id} is concluded"
+                conclude = partial(frame.act, self._console, "conclude", request, done)
+                ui.button("Conclude", on_click=widgets.on_page(conclude)).props("outline")
         if task.description:
             widgets.Text("p", task.description, "soft wrap")
 
@@ -221,10 +221,6 @@ class TaskPage:
         pace = self._console.live.heartbeats.pace
         ends_s = running_out_s(task) if task.state in ("submitted", "ruled") else None
         return pace is not None and ends_s is not None and pace.now_s > ends_s
-
-    @widgets.on_page
-    async def _conclude(self, task: Task) -> None:
-        await frame.act(self._console, "conclude", {"task_id": task.id}, f"Task {task.id} is concluded")
 
     async def _load_replay(self) -> None:
         if self._evidence.shown is None:
@@ -262,12 +258,23 @@ def _draw_outcome(attempt: Attempt, verdict: str) -> None:
         widgets.Text("div", "does not count as an attempt", "soft")
     if verdict:
         widgets.Text("div", verdict[:1].upper() + verdict[1:], "soft wrap")
-    if (said := attempt.verdict or attempt.standing) in MEANINGS:
+    if (said := attempt.verdict) in MEANINGS:
         widgets.Text("div", MEANINGS[said].partition(": ")[2].capitalize() + ".", "soft wrap")
+
+
+_ENDS = {
+    "settled": ("Paid", "done"),
+    "failed": ("Failed, refunded", "bad"),
+    "cancelled": ("Cancelled, refunded", "bad"),
+}
+"""State -> the last step of the progress, and how it looks."""
 
 
 def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
     """The state machine with its times, as far as it got."""
+    verdict = task.verdict or ""
+    judged = "done" if verdict in ("accepted", "impossible") else "bad" if verdict else ""
+    paid, how = _ENDS.get(task.state, ("Paid", ""))
     steps: list[tuple[str, float | None, str]] = [
         ("Posted", task.registered, "done"),
         ("Assigned", task.assigned, "done" if task.assigned else "now" if task.state == "open" else ""),
@@ -276,24 +283,8 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
             task.proof_submitted,
             "done" if task.proof_submitted else "now" if task.state == "assigned" else "",
         ),
-        (
-            _verdict_step(task),
-            None,
-            {
-                "accepted": "done",
-                "rejected": "bad",
-                "given_up": "bad",
-                "impossible": "done",
-                "void": "bad",
-                "expired": "bad",
-                "abandoned": "bad",
-            }.get(task.verdict or "", "now" if task.state in ("submitted", "ruled") else ""),
-        ),
-        (
-            {"failed": "Failed, refunded", "cancelled": "Cancelled, refunded"}.get(task.state, "Paid"),
-            ended,
-            {"settled": "done", "failed": "bad", "cancelled": "bad"}.get(task.state, ""),
-        ),
+        (_verdict_step(task), None, judged or ("now" if task.state in ("submitted", "ruled") else "")),
+        (paid, ended, how),
     ]
     with ui.element("ol").classes("steps"):
         before: float | None = None
@@ -371,16 +362,17 @@ def _draw_agreement(console: Console, task: Task) -> None:
         widgets.fact("Paid", worth(task.paid_iec, site))
         if task.refunded_iec:
             widgets.fact("Returned", worth(task.refunded_iec, site))
-        for name, value in task.params.items():
-            shown: str | Callable[[], object] = str(value)[:200]
-            if name in photos and re.match(PHOTO, str(value)):
+        known = {} if (chosen := kinds.get(task.kind)) is None else chosen.schema.get("properties", {})
+        for name in [*filter(task.params.__contains__, known), *sorted(task.params.keys() - known.keys())]:
+            shown: str | Callable[[], object] = (value := str(task.params[name]))[:200]
+            if name in photos and re.match(PHOTO, value):
                 shown = partial(widgets.picture, f"/files/photo/{value}", "Photo by the task's creator")
-            widgets.fact(parameter(name), shown, "wrap")
+            widgets.fact(label(name, known.get(name, {})), shown, "wrap")
 
 
 _TRANSACTIONS: widgets.Columns[Transaction] = (
     widgets.Column("What", lambda one: _draw_transaction(one), "wrap"),
-    widgets.Column("Gas", lambda one: "–" if one.gas_used is None else f"{one.gas_used:,}", "number"),
+    widgets.Column("Gas", lambda one: f"{one.gas_used:,}" if one.gas_used else "–", "number wide-only"),
     widgets.Column("Fee (ETH)", lambda one: _fee(one.fee_wei), "number wide-only"),
     widgets.Column("Hash", lambda one: widgets.hash_text(one.tx_hash)),
 )

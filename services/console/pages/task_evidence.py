@@ -64,7 +64,7 @@ class TaskEvidence:
             return
         self._album.visible = bool(taken)
         self._pictures.show(taken)
-        names = {one.address: one.name for one in self._console.live.summary.wallets}
+        names = self._console.live.summary.names
         self._proof.show(shown, _seal_facts(seal, devices, names))
 
     def _draw_report(self, report: Json | None, problem: str) -> None:
@@ -88,10 +88,7 @@ class TaskEvidence:
             widgets.fact("Attempt", str(attempt.number))
             widgets.fact("SHA-256", lambda: widgets.hash_text(attempt.proof_sha256 or ""))
             for name, value in sealed.items():
-                if value.startswith("0x"):
-                    widgets.fact(name, partial(widgets.hash_text, value))
-                else:
-                    widgets.fact(name, value)
+                widgets.fact(name, partial(widgets.hash_text, value) if value.startswith("0x") else value)
         ui.button("Download", icon="download").props(
             f'outline dense href="/files/proof/{self._task_id}?attempt={attempt.number}" '
             'aria-label="Download the proof"'

@@ -175,7 +175,7 @@ class PostForm:
                     self.attempts = ui.number("Attempts", min=1, max=20, precision=0, on_change=self._changed)
                     self.attempts.value = site.economy.max_attempts
                     if runs_fast(site):
-                        self.window.props('hint="of site time, which runs faster than the wall clock"')
+                        self.window.props('hint="of site time, which runs faster"')
                     # Shown where there is a choice.
                     self.rules = ui.select({_ANY: "the newest"}, value=_ANY, label="Judged by the rules")
                     self.service = ui.select(
@@ -342,15 +342,12 @@ class PostForm:
             "params": params,
             "description": self.description.value or "",
             "allow_wait": self.wait.value,
+            "execution_window_s": round(self.window.value * 60) if self.window.value else None,
+            "max_attempts": int(self.attempts.value) if self.attempts.value else None,
+            "rules_sha256": self.rules.value or None,
+            **(hired(self.service.value) if self.service.value else {}),
         }
-        if self.window.value:
-            request["execution_window_s"] = round(self.window.value * 60)
-        if self.attempts.value:
-            request["max_attempts"] = int(self.attempts.value)
-        if self.rules.value:
-            request["rules_sha256"] = self.rules.value
-        if self.service.value:
-            request |= hired(self.service.value)
+        request = {name: value for name, value in request.items() if value is not None}
         return validate(RegisterTask, request)
 
     def _problems(self) -> list[str]:

@@ -22,6 +22,8 @@ from services.console.pages.frame import Console
 
 CHARTED = 500
 """Transfers in the chart: as many as the bridge gives at once."""
+PRICED_S = 14 * 86_400
+"""Prices that change twice a day cover a chart that spans more."""
 PAGE_ROWS = 20
 EARNINGS_ROWS, EARNINGS_TASKS = 40, 2_000
 _GREEN, _RED, _TEAL, _AMBER = "#2f9d58", "#d9453d", "#139a85", "#c98a12"
@@ -42,10 +44,6 @@ _CHART: Json = {
     "tooltip": {"trigger": "item", "confine": True},
 }
 _PALETTE = (_TEAL, _AMBER, "#5b7fd0", "#a25fb0", _GREEN, _RED)
-
-
-def register(console: Console) -> None:
-    frame.register(console, "/treasury", TreasuryPage, heading=False)
 
 
 class Earnings:
@@ -92,7 +90,7 @@ class TreasuryPage:
                 self._select.props("outlined dense").style("min-width: 180px")
                 self._select.on_value_change(self._choose)
             self._none = widgets.Section(lambda text: widgets.empty(text) if text else None)
-            self._chart = ui.echart(_options([], [])).style("height: 320px; width: 100%")
+            self._chart = ui.echart(_options([], [], 0.0)).style("height: 320px; width: 100%")
             self._chart.props('role="img" aria-label="Balance over time; the table below has every transfer"')
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-8"), widgets.card("Transfers") as head:
@@ -129,12 +127,13 @@ class TreasuryPage:
     def _draw_chart(self, transfers: list[queries.Transfer]) -> None:
         ordered = sorted(transfers, key=lambda one: one.seq)
         costs: list[tuple[float, float]] = []
+        last_s = max((one.time_s for one in ordered), default=0.0)
         if ordered:
-            tariffs = self._console.site.economy.electricity
-            first_s, last_s = ordered[0].time_s, max(ordered[-1].time_s, ordered[0].time_s + 60)
-            costs = prices(tariffs, first_s, last_s)
+            first_s, last_s = ordered[0].time_s, max(last_s, ordered[0].time_s + 60)
+            if last_s - first_s <= PRICED_S:
+                costs = prices(self._console.site.economy.electricity, first_s, last_s)
         self._chart.options.clear()
-        self._chart.options.update(_options(ordered, costs))
+        self._chart.options.update(_options(ordered, costs, last_s))
         self._chart.update()
 
     def _draw_rows(self, transfers: list[queries.Transfer], total: int, page: int) -> None:
@@ -201,8 +200,10 @@ _EARNINGS: widgets.Columns[Line] = (
 def _draw_earnings(lines: list[Line]) -> None:
     none = "Nobody earned or spent anything yet."
     widgets.table("Earned and spent, the newest week first", _EARNINGS, newest_first(lines), none)
-    told = f"The newest {EARNINGS_ROWS} of {len(lines)}" if len(lines) > EARNINGS_ROWS else "All"
-    widgets.Text("p", f"{told} lines of the newest {EARNINGS_TASKS:,} tasks; the CSV file has all.", "soft")
+    if lines:
+        told = f"The newest {EARNINGS_ROWS} of {len(lines)}" if len(lines) > EARNINGS_ROWS else "All"
+        about = f"{told} lines of the newest {EARNINGS_TASKS:,} tasks; the CSV file has all."
+        widgets.Text("p", about, "soft")
 
 
 def newest_first(lines: list[Line]) -> list[Line]:
@@ -252,8 +253,8 @@ def _why_empty(charted: list[queries.Transfer]) -> str:
     return ""
 
 
-def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]) -> Json:
-    """ECharts: balance as a step line with a mark for each transfer, electricity price on the right."""
+def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]], last_s: float) -> Json:
+    """ECharts: balance until `last_s` as a step line with a mark for each transfer, electricity's price."""
     known = [
         (one, [round(one.time_s * 1000), float(one.balance_iec)])
         for one in transfers
@@ -267,6 +268,8 @@ def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]
             if (change(one) > 0) == received
         ]
 
+    balance = [point for _, point in known]
+    balance += [[round(last_s * 1000), point[1]] for point in balance[-1:]]  # it stays so
     line = {"lineStyle": {"width": 2}, "showSymbol": False, "step": "end", "type": "line"}
     dots = {"type": "scatter", "symbolSize": 9, "tooltip": {"formatter": "{b}"}}
     return _CHART | {
@@ -277,7 +280,7 @@ def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]
             {"type": "value", "name": "EUR/kWh", "min": 0, **_AXIS, "splitLine": {"show": False}},
         ],
         "series": [
-            {**line, "name": "Balance", "data": [point for _, point in known], "color": _TEAL},
+            {**line, "name": "Balance", "data": balance, "color": _TEAL},
             {**dots, "name": "Received", "data": marks(True), "color": _GREEN, "symbol": "triangle"},
             {**dots, "name": "Paid", "data": marks(False), "color": _RED, "symbol": "diamond"},
             {**line, "name": "Electricity", "yAxisIndex": 1, "color": _AMBER,

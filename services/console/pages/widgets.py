@@ -41,15 +41,32 @@ def badge(word: str, colour: str | None = None) -> Text:
     return Text("span", word, f"badge {STATE_COLOURS.get(word, '') if colour is None else colour}")
 
 
+Button = tuple[str, str, Callable[[], Any]]
+"""Words, icon, and what a click does."""
+
+
 @contextmanager
-def card(title: str, classes: str = "") -> Iterator[ui.element]:
-    """A titled region; the returned element is its head, for buttons."""
+def card(title: str, classes: str = "", button: Button | None = None) -> Iterator[ui.element]:
+    """A titled region; the returned element is its head, for more than a button."""
     with ui.element("section").classes(f"card {classes}") as section:
         with ui.element("div").classes("card-head") as head:
             heading = Text("h2", title)
             ui.element("span").classes("grow")
+            if button is not None:
+                words, icon, on_click = button
+                ui.button(words, icon=icon, on_click=on_click).props("flat dense")
         section.props(f'aria-labelledby="{heading.html_id}"')
         yield head
+
+
+def cards(noun: str, some: Iterable[Any], draw: Callable[[Any], object]) -> None:
+    """A card for each, with its number and its state."""
+    with ui.element("div").classes("stack"):
+        for one in some:
+            with card(f"{noun} {one.number}") as head:
+                with head:
+                    badge(one.state)
+                draw(one)
 
 
 def retitle(head: ui.element, title: str) -> None:
@@ -290,7 +307,8 @@ class Field:
     choices: dict[str, str] | None = None
     several: bool = False
     """Any number of the choices; the answer has commas in between."""
-    secret: bool = False
+    secret: str = ""
+    """What a browser may fill in: current-password or new-password."""
     hint: str = ""
     """A sentence below it."""
 
@@ -301,8 +319,8 @@ class Field:
 
     def _entry(self) -> Any:
         if self.choices is None:
-            entry: Any = ui.input(self.label, value=self.start, password=self.secret)
-            return entry.props("autocomplete=new-password") if self.secret else entry
+            entry: Any = ui.input(self.label, value=self.start, password=bool(self.secret))
+            return entry.props(f"autocomplete={self.secret}") if self.secret else entry
         if self.several:
             chosen = [one for one in self.start.split(",") if one in self.choices]
             return ui.select(self.choices, label=self.label, value=chosen, multiple=True).props("use-chips")
@@ -335,4 +353,7 @@ async def ask_form(
 
 
 def _entered(entry: Any) -> str:
-    return ",".join(entry.value) if isinstance(entry.value, list) else str(entry.value or "").strip()
+    if isinstance(entry.value, list):
+        return ",".join(entry.value)
+    text = str(entry.value or "")
+    return text if entry.props.get("type") == "password" else text.strip()

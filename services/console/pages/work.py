@@ -26,11 +26,7 @@ from services.console.pages.frame import Console
 SHOWN = 20
 
 
-def register(console: Console) -> None:
-    frame.register(console, "/work", _desks)
-
-
-def _desks(console: Console) -> None:
+def desks(console: Console) -> None:
     person = frame.user()
     if warning := pace.warning(console.site):
         widgets.notice(warning)
@@ -78,7 +74,9 @@ class ExecutorDesk:
     def _draw_assigned(self, tasks: list[Task]) -> None:
         def draw(task: Task) -> None:
             with ui.element("span").classes("line tight"):
-                ui.button("Accept", on_click=partial(self._accept, task)).props(
+                request, done = {"task_id": task.id}, f"Task {task.id} is yours to do"
+                accept = partial(frame.act, self._console, "accept_work", request, done)
+                ui.button("Accept", on_click=widgets.on_page(accept)).props(
                     f'outline dense aria-label="Accept task {task.id}"'
                 )
                 ui.button("Hand in", on_click=partial(self._hand_in, task)).props(
@@ -96,10 +94,6 @@ class ExecutorDesk:
         widgets.task_list(
             tasks, draw, "Nothing is assigned to you. Offer a service, and tasks of its kind come here."
         )
-
-    @widgets.on_page
-    async def _accept(self, task: Task) -> None:
-        await frame.act(self._console, "accept_work", {"task_id": task.id}, f"Task {task.id} is yours to do")
 
     @widgets.on_page
     async def _hand_in(self, task: Task) -> None:
@@ -126,10 +120,8 @@ class ExecutorDesk:
                 "note": text,
                 "photos": [base64.b64encode(photo).decode() for photo in photos],
             }
-            if (
-                await frame.act(self._console, "submit_work", request, f"Task {task.id} is handed in")
-                is not None
-            ):
+            done = f"Task {task.id} is handed in"
+            if await frame.act(self._console, "submit_work", request, done) is not None:
                 dialog.submit(True)
 
         with widgets.modal(f"Hand in task {task.id}") as dialog:

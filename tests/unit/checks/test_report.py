@@ -7,7 +7,7 @@ from decimal import Decimal
 
 import pytest
 
-from rodeo.checks.report import Check, Report, describe, equal, undecided
+from rodeo.checks.report import NOBODY, Check, Report, describe, equal, undecided
 from rodeo.text.strict_json import read_json
 
 PASSED = Check(name="fine", passed=True)
@@ -34,6 +34,11 @@ def test_what_neither_party_owns_is_undecided_and_names_who_failed() -> None:
     report = Report.of([PASSED, UNDECIDED])
     assert (report.outcome, report.fault) == ("undecided", "the site's motion capture")
     assert report.reason == ("unseen: nobody saw it; the site's motion capture is at fault, not the executor")
+
+
+def test_where_nothing_failed_people_decide_and_nobody_is_said_to_be_at_fault() -> None:
+    report = Report.of([Check.of("unseen", undecided("who lifted it cannot be told", NOBODY))])
+    assert report.reason == "unseen: who lifted it cannot be told; nobody is at fault, people decide"
 
 
 @pytest.mark.parametrize("checks", [(UNDECIDED, REJECTED), (REJECTED, UNDECIDED)])

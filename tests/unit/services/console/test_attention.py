@@ -90,10 +90,10 @@ def test_a_robot_is_told_where_it_is_and_what_it_said_last(tmp_path: Path) -> No
     lab = scene.lab(site)
     dock = lab["docks"][0]
     (one,) = robots(site, lab, [READY], {"panther1": {"x": dock["x"] + 0.1, "y": dock["y"]}})
-    assert (one.name, one.state, one.soc, one.task_id, one.said) == ("panther1", "ready", 0.5, 7, "driving")
+    assert (one.name, one.mind, one.soc) == ("panther1", READY, 0.5)
     assert one.place == f"near {dock['name']}"
     (unseen,) = robots(site, lab, [], {})
-    assert (unseen.state, unseen.place) == ("silent", "not seen")
+    assert (unseen.mind.state, unseen.place) == ("silent", "not seen")
 
 
 def test_far_from_everything_a_place_is_its_coordinates() -> None:

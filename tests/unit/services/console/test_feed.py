@@ -56,6 +56,12 @@ def test_the_newest_is_first_and_a_tasks_events_are_its_robots() -> None:
     assert failed.href == "/tasks/7"
 
 
+def test_a_name_at_the_beginning_stays_as_it_is() -> None:
+    said = {"provider": ROBOT, "kind": "waste_disposal", "price_iec": "1"}
+    (one,) = entries([event(1, "ServiceRegistered", None, **said)], [], NAMES, ROBOTS, Mark())
+    assert one.text == "panther1 offers waste disposal for 1 IEC"
+
+
 def test_a_stranger_is_told_by_its_address_and_is_no_robot() -> None:
     (one,) = entries([event(1, "TaskAssigned", executor=STRANGER, price_iec="1")], [], NAMES, ROBOTS, Mark())
     assert one.text == "Task 7: 0x22222222…222222 takes it for 1 IEC" and one.robot is None
