@@ -25,7 +25,7 @@ from services.console.pages.proposals import decided, does
             "Give somebody a role; Take a role back",
         ),
         (("BudgetVotes", "open", {}), "Let the members split an amount of the treasury"),
-        (("Organization", "setWindows", {}), "Organization: set windows"),
+        (("Organization", "setColour", {}), "Organization: set colour"),
         (
             ("0x" + "4e" * 20, "setTerms", {}),
             "call 0x" + "4e" * 20 + ", which is no contract of the organization",
