@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-HANG_S = 600.0
+HANG_S = 300.0
 """Wall time after which a test hangs, on the slowest machine too. No verdict depends on it otherwise."""
 PAUSE_S = 0.02
 """Wall time between two looks at a condition: looking without a pause takes the processor from others."""

@@ -11,8 +11,12 @@ import pytest
 import zenoh
 
 from rodeo.bus.session import zenoh_config
+from rodeo_testing.waiting import HANG_S
 from tests.support.nursery import Nursery
 from tests.support.site import NewSite, RunningSite, free_port, write_site
+
+_hung = set[str]()
+"""Files of this worker in which a test ended after HANG_S."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,6 +47,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item._id = item.id.with_params(label)
     # It waits for the package index for most of a minute. At the end, nothing else would run meanwhile.
     items.sort(key=lambda item: item.path.name != "test_resolution.py")
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.failed and report.duration >= HANG_S:
+        _hung.add(report.nodeid.partition("::")[0])
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Where one test hangs, those after it on the same site would wait as long, one after the other."""
+    if item.nodeid.partition("::")[0] in _hung:
+        pytest.fail("a test of this file has hung before", pytrace=False)
 
 
 @pytest.fixture(scope="session")

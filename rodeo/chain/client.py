@@ -31,7 +31,8 @@ _PAGE_BLOCKS = 2_000
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
     """A node behind JSON-RPC over HTTP. Nothing is sent yet."""
     # Retrying is the caller's affair: it alone knows whether the answer still matters.
-    return Web3(NodeProvider(url, timeout_s))
+    # Web3's own middleware asks for the chain's id before each call and resolves names of ENS: not needed.
+    return Web3(NodeProvider(url, timeout_s), middleware=[])
 
 
 def require_chain(w3: Web3, config: ChainConfig) -> None:

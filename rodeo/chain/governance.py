@@ -128,10 +128,10 @@ class GovernanceCalls:
 def described(deployment: Deployment, target: str, calldata: bytes, depth: int = 0) -> Described:
     """Effects of a call, whatever the proposal's text claims. `depth`: number of calls around it."""
     contract = next((name for name, address in deployment.contracts.items() if address == target), None)
-    for name, (selector, types, inputs) in (functions(contract) if contract else {}).items():
-        if calldata[:4] == selector:
+    for name, function in (functions(contract) if contract else {}).items():
+        if calldata[:4] == function.selector:
             try:
-                args = values(inputs, decode(types, calldata[4:]))
+                args = values(function.inputs, decode(function.types, calldata[4:]))
             except (DecodingError, ValueError, OverflowError):
                 break  # anybody may propose anything
             if name == "multicall" and depth < _MOST_NESTED:

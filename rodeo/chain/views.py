@@ -13,7 +13,6 @@ from typing import Any
 from eth_typing import ChecksumAddress
 from eth_utils import to_checksum_address
 from web3 import Web3
-from web3.contract import Contract
 from web3.types import BlockIdentifier
 
 from rodeo.chain import artifacts
@@ -31,8 +30,9 @@ from rodeo.chain.contracts.abi import (
     Terms,
 )
 from rodeo.chain.contracts.logs import Log
-from rodeo.chain.contracts.types import ZERO_ADDRESS, Role, kind_to_bytes32, value
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Role, kind_to_bytes32
 from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import functions
 from rodeo.chain.node.translation import translated
 from rodeo.chain.proposals import OPERATION_STATES, STATES, Operation
 
@@ -43,17 +43,13 @@ class Views:
     def __init__(self, w3: Web3, deployment: Deployment) -> None:
         self.address = deployment.address
         self._currency = deployment.currency
-        self._contracts: dict[str, Contract] = {
-            name: w3.eth.contract(address=deployment.address(name), abi=artifacts.load(name).abi)
-            for name in deployment.contracts
-        }
+        self._w3 = w3
 
-    def __call__(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
-        bound = self._contracts[contract].functions[function]
-        outputs = bound.abi["outputs"]
+    def __call__(self, contract: str, name: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
+        function = functions(contract)[name]
         with translated(self._currency):
-            raw = bound(*args).call(block_identifier=block)
-            return value(outputs[0], raw) if len(outputs) == 1 else tuple(map(value, outputs, raw))
+            result = self._w3.eth.call({"to": self.address(contract), "data": function.encoded(args)}, block)
+            return function.decoded(bytes(result))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,10 @@ from rodeo.access.accounts import Accounts, accounts_path
 from rodeo.access.roles import Role
 from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import DaoEvents
+from rodeo.errors import RodeoError
+from rodeo.runtime.process import is_transient, repeated
 from rodeo.site.config import Site
-from rodeo_testing.waiting import HANG_S
+from rodeo_testing.waiting import HANG_S, PAUSE_S
 from tests.support.dao import Dao
 from tests.support.site import LAB, RunningSite, free_port
 
@@ -35,6 +38,9 @@ class Robot:
         self.may_work = threading.Event()
         self.may_work.set()
         self.ruling = "accepted"
+        self.failure: RodeoError | None = None
+        """For what its thread has ended."""
+        self._stop = threading.Event()
         dao.command("panther1", "register_service", kind="waste_disposal", price_iec="90")
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
@@ -45,16 +51,31 @@ class Robot:
             self._todo.put(event.task_id)
 
     def _work(self) -> None:
-        while (task_id := self._todo.get()) is not None:
-            self.may_work.wait(timeout=HANG_S)
+        try:
+            while (task_id := self._todo.get()) is not None:
+                self.may_work.wait(timeout=HANG_S)
+                repeated(partial(self._do, task_id), self._again, self._stop)
+        except RodeoError as error:
+            self.failure = error
+
+    def _do(self, task_id: int) -> None:
+        """What is left to do of the task: an answer of the bridge may have been lost."""
+        if self._dao.task(task_id)["state"] == "assigned":
             self._dao.prove(task_id)
+        if self._dao.task(task_id)["state"] == "submitted":
             if self.ruling == "accepted":
                 self._dao.judge(task_id, True)
             else:
                 self._dao.verdict(task_id, self.ruling, "it was not there")
 
+    def _again(self, error: RodeoError) -> None:
+        if not is_transient(error):
+            raise error
+        self._stop.wait(PAUSE_S)
+
     def stop(self) -> None:
         self._events.close()
+        self._stop.set()
         self._todo.put(None)
         self._thread.join(timeout=HANG_S)
 
@@ -93,6 +114,7 @@ class Lab:
         return {**os.environ, "RODEO_TOKEN": self.token, "PYTHONPATH": str(EXAMPLES.parent)}
 
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
+        assert self.robot.failure is None, self.robot.failure
         return subprocess.run(
             words,
             env=self.environment,

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from eth_utils import is_address, to_checksum_address
 from web3.types import TxReceipt
 
-from rodeo.chain import artifacts
 from rodeo.chain.client import ChainClient
 from rodeo.chain.contracts.logs import Log, decode_logs, event_topics
+from rodeo.chain.views import Views
 
 
 def view(client: ChainClient, contract: str, name: str, *arguments: Any) -> Any:
-    """What the contract answers to `name`, as web3 decodes it."""
-    abi = artifacts.load(contract).abi
-    found = client.w3.eth.contract(address=client.deployment.address(contract), abi=abi)
-    given = [to_checksum_address(one) if is_address(one) else one for one in arguments]
-    return found.functions[name](*given).call()
+    """What the contract answers to `name`."""
+    return Views(client.w3, client.deployment)(contract, name, *arguments)
 
 
 def logs_of(client: ChainClient, receipt: TxReceipt) -> list[Log]:

@@ -71,12 +71,12 @@ def said(refusal: Refusal, currency: Currency = IEC) -> ChainError:
 
 @contextmanager
 def translated(currency: Currency = IEC) -> Iterator[None]:
-    """Let what web3.py raises leave as ChainError, with amounts of `currency`."""
+    """Let what web3.py and eth-abi raise leave as ChainError, with amounts of `currency`."""
     try:
         yield
     except Refused as error:
         raise said(error.refusal, currency) from error
-    except Web3Exception as error:
+    except (Web3Exception, DecodingError) as error:
         raise RpcFailed("the node's answer is not valid", reason=str(error)) from error
     except (requests.RequestException, OSError) as error:
         raise ChainUnavailable("the node does not answer", reason=why_unanswered(error)) from error
