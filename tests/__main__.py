@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import IO
 
 from tests.support.tally import Tally
 
@@ -17,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out"
 LONG_MINUTES = 30
 """What `make test-long` takes on two cores."""
-LONG_CONTRACTS = "(Escrow|Decimals|Disputes|Governance|Griefing)Invariants"
+LONG_CONTRACTS = "Invariants"
 """Whole lives of tasks, cases and proposals, in any order, take minutes."""
 FAST = ("evidence", "robot", "person", "recording", "deploy/chain", "lab", "cli", "tools")
 SLOW = (
@@ -31,6 +33,7 @@ SLOW = (
 ALONE = "alone"
 """The mark of long tests that keep pace with real devices: nothing runs beside them."""
 NO_NODE = "contracts: Node is missing, `make system`"
+_LONG = re.compile(r"mark\.long|sweep\(")
 _FORGE = re.compile(r"(\d+) tests? passed, (\d+) failed, (\d+) skipped")
 _FAILURE = re.compile(r"^(?:\x1b\[\d+m)?\[FAIL.*|.*failing tests? in .*", re.MULTILINE)
 
@@ -39,9 +42,10 @@ class Contracts:
     """Foundry's tests, in the background: their compiler keeps one core busy, while tests of sites wait for
     processes. They are skipped by name where there is no Node."""
 
-    def __init__(self, long: bool) -> None:
+    def __init__(self, long: bool, until_s: float | None) -> None:
         self.log = OUT / ("test-contracts-long.log" if long else "test-contracts.log")
         self.tally = Tally()
+        self._until_s = math.inf if until_s is None else until_s
         self._began = time.monotonic()
         if subprocess.run(["sh", "tools/setup.sh", "node"], capture_output=True, check=False).returncode:
             self.tally.skipped[NO_NODE] = 1
@@ -57,10 +61,7 @@ class Contracts:
 
     def _run(self, commands: list[list[str]]) -> None:
         with self.log.open("w") as log:
-            ended = [
-                subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False).returncode
-                for command in commands
-            ]
+            ended = [self._ended(command, log) for command in commands]
         said = self.log.read_text(errors="replace")
         counts = [tuple(map(int, found)) for found in _FORGE.findall(said)]
         self.tally.passed = sum(passed for passed, _, _ in counts)
@@ -72,6 +73,13 @@ class Contracts:
         if self.tally.failed:
             say(said)
         say(f"contracts: {self.tally}, {time.monotonic() - self._began:.0f} s")
+
+    def _ended(self, command: list[str], log: IO[str]) -> int:
+        """Its exit status; 0 where there is no time left, in which none of them begins."""
+        if time.time() > self._until_s:
+            self.tally.skipped[f"contracts: no time left for {' '.join(command)}"] = 1
+            return 0
+        return subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False).returncode
 
     def wait(self) -> Tally:
         if self._running is not None and self._running.is_alive():
@@ -86,7 +94,7 @@ class Contracts:
 def with_long() -> list[str]:
     """Files in which a test is marked long: the others need not be imported, four times, to find none."""
     files = sorted(Path("tests").rglob("test_*.py"))
-    return [str(one) for one in files if "mark.long" in one.read_text()]
+    return [str(one) for one in files if _LONG.search(one.read_text())]
 
 
 def python(chosen: list[str], jobs: int, chain: str, until_s: float | None) -> Tally:
@@ -118,9 +126,7 @@ def main() -> int:
     parser.add_argument("--only", choices=("python", "contracts"), help="one part")
     parser.add_argument("--jobs", type=int, default=3, help="test files that run at the same time")
     parser.add_argument("--chain", default="eth-tester", help="which local chain sites of tests run on")
-    parser.add_argument(
-        "--minutes", type=float, help="begin no test in Python after this time; name those left"
-    )
+    parser.add_argument("--minutes", type=float, help="begin no test after this time; name those left")
     asked = parser.parse_args()
     until_s = None if asked.minutes is None else time.time() + 60 * asked.minutes
     os.chdir(ROOT)
@@ -130,7 +136,7 @@ def main() -> int:
     tally = Tally()
     if asked.long and asked.only != "contracts":
         tally += python(["-m", ALONE, *with_long()], 0, asked.chain, until_s)
-    contracts = None if asked.fast or asked.only == "python" else Contracts(asked.long)
+    contracts = None if asked.fast or asked.only == "python" else Contracts(asked.long, until_s)
     if asked.only != "contracts":
         chosen = ["-m", f"long and not {ALONE}", *with_long()] if asked.long else ["-m", "not long"]
         if asked.fast:

@@ -9,6 +9,7 @@ import pytest
 from rodeo.kinds import GROUP
 from rodeo.site.processes import PROCESSES
 from tests.support.extras import PROJECT, ROOT, closure
+from tests.support.sweep import sweep
 
 KINDS = sorted(one.partition(":")[0] for one in PROJECT["entry-points"][GROUP].values())
 CODE = {
@@ -46,7 +47,7 @@ def imported(extra: str, *modules: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("process", PROCESSES, ids=lambda one: one.name)
+@pytest.mark.parametrize("process", sweep(PROCESSES, 6), ids=lambda one: one.name)
 def test_a_process_imports_only_what_its_extra_installs(process) -> None:  # type: ignore[no-untyped-def]
     main = process.module if process.name == "router" else f"{process.module}.process"
     own = [] if process.name in ("router", "chain") else KINDS

@@ -16,10 +16,11 @@ from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.noise import HEAVY, Noise, noisy
 from rodeo_testing.recordings import Take, seal
+from tests.support.sweep import sweep
 from tests.unit.conftest import Judge
 
 
-@pytest.mark.parametrize("draw", [0, 1, 2, 3])
+@pytest.mark.parametrize("draw", sweep(range(4), 4))
 def test_a_cleaning_under_heavy_noise_is_accepted(cleaning: Take, judge: Judge, draw: int) -> None:
     take, witnesses = noisy(cleaning, HEAVY, np.random.default_rng(draw))
     report = judge(take, cleaning_chain_record(cleaning), witnesses=witnesses)

@@ -28,6 +28,7 @@ from rodeo.site.config import Site
 from rodeo.site.deploying import deployment_under_way
 from rodeo.site.sections import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from tests.support.organization import CHAIN_ID, Organization, running_chain
+from tests.support.sweep import sweep
 
 
 def told(site: Site) -> list[str]:
@@ -170,7 +171,7 @@ def test_two_members_are_two_accounts(site: Site) -> None:
     assert twice.value.details[to_checksum_address(address)] == "bob"
 
 
-@pytest.mark.parametrize("before", range(1, 5))
+@pytest.mark.parametrize("before", sweep(range(1, 5), 3))
 def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
     site: Site, monkeypatch: pytest.MonkeyPatch, before: int
 ) -> None:
@@ -187,7 +188,7 @@ def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
     assert len(Registry(w3, registry.known_address()).organizations()) == 1
 
 
-@pytest.mark.parametrize("before", [6, 7])
+@pytest.mark.parametrize("before", sweep([7, 6], 2))
 def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_later(
     site: Site, monkeypatch: pytest.MonkeyPatch, before: int
 ) -> None:
@@ -224,7 +225,7 @@ def test_an_organization_whose_record_is_lost_is_found_again(site: Site) -> None
     assert any("on the chain already" in text for text in said)
 
 
-@pytest.mark.parametrize("said", [1, 9_000_000])
+@pytest.mark.parametrize("said", sweep([9_000_000, 1], 2))
 def test_where_contracts_count_other_blocks_than_the_node_those_of_the_node_are_recorded(
     site: Site, monkeypatch: pytest.MonkeyPatch, said: int
 ) -> None:

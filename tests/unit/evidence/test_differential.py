@@ -39,6 +39,7 @@ from rodeo.evidence.seal import Binding
 from rodeo.evidence.summary import ChunkFacts, MessageTimes, SummaryOf
 from rodeo.ros2.definitions import schema_text
 from rodeo.ros2.types import STORE
+from tests.support.sweep import sweep
 from tests.unit.evidence.conftest import HandClock, drive
 
 MUTATIONS_OF_EACH_FORM = 170
@@ -699,7 +700,7 @@ FORMS = [
 ]
 
 
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.__name__)
+@pytest.mark.parametrize("form", sweep(FORMS, 3), ids=lambda form: form.__name__)
 def test_what_is_accepted_is_read_alike(
     honest: Path, apart: Apart, recording: Callable[[], Path], tmp_path: Path, form: Callable[[Source], bytes]
 ) -> None:

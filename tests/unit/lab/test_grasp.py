@@ -13,15 +13,10 @@ from rodeo.lab.world import begin, build_world, scale_weight_n
 from rodeo.site.config import Site
 from rodeo_testing.operator import Operator
 from tests.support.site import LAB
+from tests.support.sweep import sweep
 
 GRAVITY = 9.81
-SHAPES_OF_CLASSES = [
-    pytest.param(item_class, shape, marks=pytest.mark.long if number % 3 else [])
-    for number, (item_class, shape) in enumerate(
-        (one, shape) for one, shapes in SHAPES.items() for shape in shapes
-    )
-]
-"""Every third of them carried takes long enough."""
+SHAPES_OF_CLASSES = sweep(((one, shape) for one, shapes in SHAPES.items() for shape in shapes), 5)
 
 
 def lab_with(item: ItemConfig) -> tuple[Site, Operator]:
