@@ -85,7 +85,9 @@ def void_words(fault: Fault | None, reason: str | None) -> str:
 def verdict_words(
     verdict: str, reason: str | None, judge: str | None, by_people: bool, fault: Fault | None = None
 ) -> str:
-    """A verdict as a sentence: who gave it, and why."""
+    """A verdict as a sentence: who gave it, and why. The name of the check that decided is in words."""
+    name, colon, rest = (reason or "").partition(":")
+    reason = f"{name.replace('_', ' ')}{colon}{rest}" if name.isidentifier() else reason
     if not verdict or verdict in ("expired", "abandoned"):
         return reason or ""
     who, word = judge_words(judge, by_people), WORDS.get(verdict, verdict)
