@@ -18,7 +18,7 @@ from tests.support.dao import Dao
 from tests.support.site import NewSite, RunningSite
 
 SITE = """clock.speed = 20
-clock.idle_speed = 400
+clock.idle_speed = 40
 agent.explore_when_idle = false
 people.min_window_s = 900
 [[participants]]
@@ -202,7 +202,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     # Where the simulation is as fast as the wall clock, there is one time to tell.
     left = re.compile(r"of site time left, .* on the wall clock at the present speed|\d (s|min) left")
     expect(todo.get_by_text(left)).to_be_visible()
-    expect(person.get_by_text("its time, and with it every window, runs up to 400 times")).to_be_visible()
+    expect(person.get_by_text("its time, and with it every window, runs up to 40 times")).to_be_visible()
     person.get_by_role("button", name=f"Accept task {task_id}").click()
     expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
     code = photo_code(Dao(desk.running).task(task_id)["nonce"])
