@@ -12,7 +12,9 @@ from rodeo.errors import InvalidRequest, MalformedJson
 from rodeo.site.config import Site
 
 
-def task_params(site: Site, name: str, flags: Sequence[str], params: str | None) -> dict[str, Any]:
+def task_params(
+    site: Site, name: str, flags: Sequence[str], params: str | None, at: str | None = None
+) -> dict[str, Any]:
     """The task's parameters: the JSON object, what the options say, and what follows from both. A photo that
     they name is put into the site's store."""
     from rodeo.kinds import fields, kinds_of
@@ -36,6 +38,8 @@ def task_params(site: Site, name: str, flags: Sequence[str], params: str | None)
         )
     properties = {} if kind is None else kind.schema.get("properties", {})
     values |= _flags(flags, properties)
+    if at is not None:
+        values |= _place(at, properties)
     if kind is None:
         return values
     values = _with_photos(site, kinds.completed(name, values), fields(kind, "photo"))
@@ -65,36 +69,28 @@ def _flags(flags: Sequence[str], properties: dict[str, Any]) -> dict[str, Any]:
     rest = list(flags)
     while rest:
         flag, given, value = rest.pop(0).partition("=")
-        place = _place_of(properties) if flag == "--at" else None
         name = flag.removeprefix("--").replace("-", "_")
-        if place is None and (not flag.startswith("--") or name not in properties):
+        if not flag.startswith("--") or name not in properties:
             known = ["--" + one.replace("_", "-") for one in properties]
-            known += ["--at"] if _place_of(properties) else []
             raise InvalidRequest("this kind has no such parameter", given=flag, known=known)
         if not given:
             if not rest:
                 raise InvalidRequest("this parameter needs a value", given=flag)
             value = rest.pop(0)
-        if place is not None:
-            values |= zip(place, _coordinates(value), strict=True)
-            continue
         values[name] = value if _is_text(properties[name]) else _json_value(flag, value)
     return values
 
 
-def _place_of(properties: dict[str, Any]) -> list[str] | None:
-    """The parameters that say where on the map, x first."""
+def _place(text: str, properties: dict[str, Any]) -> dict[str, float]:
+    """The parameters that say where on the map, of `3.2,1.4` in m."""
     forms = {schema.get("format"): name for name, schema in properties.items()}
-    return [forms["map-x"], forms["map-y"]] if {"map-x", "map-y"} <= forms.keys() else None
-
-
-def _coordinates(text: str) -> list[float]:
-    """`3.2,1.4`, m."""
+    if not {"map-x", "map-y"} <= forms.keys():
+        raise InvalidRequest("tasks of this kind have no place on the map: leave --at out", at=text)
     try:
         x_m, y_m = map(float, text.split(","))
     except ValueError:
         raise InvalidRequest("a place is x,y in m on the map, such as 3.2,1.4", at=text) from None
-    return [x_m, y_m]
+    return {forms["map-x"]: x_m, forms["map-y"]: y_m}
 
 
 def _is_text(schema: dict[str, Any]) -> bool:

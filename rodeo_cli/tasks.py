@@ -93,6 +93,13 @@ def create(
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
     params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            help="Where on the map: x,y in m, such as 3.2,1.4. Without an item it is "
+            "about whatever lies there."
+        ),
+    ] = None,
     description: Annotated[str, typer.Option(help="Description for people.")] = "",
     max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
     rules_sha256: RulesOption = None,
@@ -108,9 +115,8 @@ def create(
 ) -> None:
     """Post a task, for example: rodeo task create KIND --reward 100
 
-    Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them. `--at 3.2,1.4`
-    says where on the map, in m, and `--photo FILE` adds a picture, where the kind has such parameters. To
-    raise the reward, the task is posted again under another number.
+    Each parameter of the kind is an option of its own, with the name of a file for a photo; `rodeo kind show
+    KIND` lists them. To raise the reward, the task is posted again under another number.
     """
     if sign is not None and up_to is not None:
         raise InvalidRequest("the reward of a task that is only signed cannot rise: leave --reward-up-to out")
@@ -119,7 +125,7 @@ def create(
         request: dict[str, Any] = {
             "kind": kind,
             "reward_iec": reward,
-            "params": task_params(loaded, kind, context.args, params),
+            "params": task_params(loaded, kind, context.args, params, at),
             "description": description,
             "allow_wait": wait,
         }

@@ -207,27 +207,27 @@ def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
 def test_a_place_is_one_option_and_a_photo_is_kept_in_the_store(tmp_path: Path) -> None:
     site = Site.load(LAB).model_copy(update={"data_dir": tmp_path})
     (tmp_path / "can.png").write_bytes(encode(np.zeros((8, 8, 3), np.uint8), ".png"))
-    flags = ["--at", "3.2,1.4", f"--photo={tmp_path / 'can.png'}", "--bin", "itrash"]
-    found = task_params.task_params(site, "waste_disposal", flags, None)
+    flags = [f"--photo={tmp_path / 'can.png'}", "--bin", "itrash"]
+    found = task_params.task_params(site, "waste_disposal", flags, None, "3.2,1.4")
     assert (found["x_m"], found["y_m"], found["bin"]) == (3.2, 1.4, "itrash")
     assert photos.kept(site, found["photo"]) == (tmp_path / "can.png").read_bytes()
     assert task_params.task_params(site, "waste_disposal", [], json.dumps(found)) == found
 
 
 @pytest.mark.parametrize(
-    ("kind", "flags", "words"),
+    ("kind", "at", "flags", "words"),
     [
-        ("waste_disposal", ["--at", "3.2"], "3.2,1.4"),
-        ("waste_disposal", ["--at", "3.2,1.4", "--photo", "no.jpg"], "cannot read the photo"),
-        ("waste_disposal", ["--at", "3.2,2.9"], "desk2 stands there"),
-        ("battery_charging", ["--at", "3.2,1.4"], "no such parameter"),
+        ("waste_disposal", "3.2", [], "3.2,1.4"),
+        ("waste_disposal", "3.2,1.4", ["--photo", "no.jpg"], "cannot read the photo"),
+        ("waste_disposal", "3.2,2.9", [], "desk2 stands there"),
+        ("battery_charging", "3.2,1.4", [], "no place on the map"),
     ],
 )
 def test_a_place_that_is_none_and_a_file_that_is_no_photo_are_refused(
-    kind: str, flags: list[str], words: str
+    kind: str, at: str, flags: list[str], words: str
 ) -> None:
     with pytest.raises(InvalidRequest) as refused:
-        task_params.task_params(Site.load(LAB), kind, flags, None)
+        task_params.task_params(Site.load(LAB), kind, flags, None, at)
     assert words in formatting.explain(refused.value, {})
 
 
