@@ -16,12 +16,17 @@ _MEMBERS = "needs an organization whose members vote: tests/integration/test_gov
 _SYSTEMD = "needs a computer that systemd starts: tests/unit/deploy/test_units.py checks the units"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
+_PLACE = (
+    "posts a task that the pages after it do not count: tests/integration/test_agent.py has such tasks done"
+)
 _POOL = "needs several machines: tests/integration/test_pool.py starts a pool"
 
 NOT_RUN: dict[str, str] = {
     "rodeo task dispute show 7": _DISPUTES,
     'rodeo task dispute challenge 7 --as panther1 --reason "the can is in the bin"': _DISPUTES,
     "rodeo task dispute vote 7 accepted --as dora --votes votes.json": _DISPUTES,
+    "rodeo task create waste_disposal --at 3.2,1.4 --reward 100": _PLACE,
+    "rodeo task create waste_disposal --at 3.2,1.4 --photo photo.jpg --reward 100": _PLACE,
     "git clone --depth 1 URL rodeo && cd rodeo": "downloads the project",
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
     "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
