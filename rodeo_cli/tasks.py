@@ -57,6 +57,12 @@ NamedProviderOption = Annotated[
     str | None,
     typer.Option(help="The only provider that may do it, with any of its services: a name or an address."),
 ]
+AtOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Where on the map: x,y in m, such as 3.2,1.4. Without an item it is about whatever lies there."
+    ),
+]
 UpToOption = Annotated[
     str | None,
     typer.Option(
@@ -93,13 +99,7 @@ def create(
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
     params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
-    at: Annotated[
-        str | None,
-        typer.Option(
-            help="Where on the map: x,y in m, such as 3.2,1.4. Without an item it is "
-            "about whatever lies there."
-        ),
-    ] = None,
+    at: AtOption = None,
     description: Annotated[str, typer.Option(help="Description for people.")] = "",
     max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
     rules_sha256: RulesOption = None,
