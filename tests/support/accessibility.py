@@ -20,7 +20,7 @@ _AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
 _VIOLATIONS = """async (how) => (await axe.run({resultTypes: ["violations"], ...how})).violations
   .filter((rule) => ["serious", "critical"].includes(rule.impact))
   .flatMap((rule) => rule.nodes.map((node) => `${rule.id} (${rule.impact}): ${node.html.slice(0, 200)}`))"""
-_OF_LOOKS = ("color-contrast", "link-in-text-block", "scrollable-region-focusable", "target-size")
+_OF_LOOKS = ("color-contrast", "link-in-text-block", "scrollable-region-focusable")
 """Rules that depend on colours and widths. What others ask of a page, its width does not change."""
 _FAINT = (Path(__file__).parent / "faint.js").read_text()
 _MAX_TABS = 100
