@@ -17,6 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import schemathesis
 from eth_account import Account
@@ -34,6 +35,7 @@ from rodeo.chain.client import ChainClient
 from rodeo.chain.contracts.events import ServiceRegistered
 from rodeo.chain.deployment import Deployment
 from rodeo.errors import BusError
+from rodeo.lab.render import encode
 from rodeo.money.currency import IEC
 from rodeo.signing import keystores, possession, wallets
 from rodeo.site.sections import LOCAL_CHAIN_ID
@@ -285,8 +287,17 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
     page = desk.page(operator, "/tasks/new")
     click_map(page, 2.0, 1.0)
     expect(page.get_by_label("East, x (m)")).to_have_value(re.compile(r"2\.0|1\.9"))
+    expect(page.get_by_text("whatever lies at the place")).to_be_visible()
+    photo = {
+        "name": "can.png",
+        "mimeType": "image/png",
+        "buffer": encode(np.zeros((8, 8, 3), np.uint8), ".png"),
+    }
+    page.locator("input[type=file]").set_input_files(photo)
+    expect(page.locator(".q-uploader__file--uploaded")).to_be_visible()
     desk.accounts.change_user(operator, [], None)
     page.get_by_role("button", name="Review and post").click()
+    expect(page.get_by_role("dialog").get_by_text(re.compile(r"^[0-9a-f]{64}\.png$"))).to_be_visible()
     page.get_by_role("button", name="Pay 100 IEC into escrow").click()
     expect(page.get_by_text("This needs the role operator")).to_be_visible()
     page.close()
