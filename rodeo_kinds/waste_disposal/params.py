@@ -72,7 +72,7 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
         wrong["item_id"] = choose("item", known)
     x_m, y_m = params.get("x_m"), params.get("y_m")
     if not (is_number(x_m) and is_number(y_m)):
-        wrong["x_m"] = "choose the place on the map"
+        wrong["x_m"] = f"choose {'' if params.get('item_id') else 'an item, or '}the place on the map"
     elif (reason := _occupied(site, float(x_m), float(y_m))) is not None:  # type: ignore[arg-type]
         wrong["x_m"] = reason
     bins = [one.name for one in site.bins]

@@ -314,7 +314,7 @@ def test_a_reward_rises_while_nobody_takes_the_task(whole: Path) -> None:
         (("--reward", "100000", "--item-id", "item1"), ("insufficient_funds",)),
         (("--reward", "ten", "--item-id", "item1"), ("invalid_request", "--reward: enter an amount of IEC")),
         (("--reward", "100", "--item-id", "item99"), ("--item-id: choose one of this site", "item1")),
-        (("--reward", "100"), ("invalid_request", "--item-id: choose one of this site")),
+        (("--reward", "100"), ("invalid_request", "choose an item, or the place on the map")),
         (("--reward", "100", "--params", "{"), ("malformed_json", "--params")),
         (("--reward", "100", "--item-id", "item1", "--as", "bob"), ("unknown_participant", "organization")),
         (("--reward", "100", "--item-id", "item1", "--as", ""), ("invalid_request",)),
