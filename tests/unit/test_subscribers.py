@@ -98,6 +98,7 @@ ROWS: dict[Call, str] = {
     ),
     ("rodeo/robot/ros_body.py", "Latest.__init__", "node.raw_subscription(topic)"): ONE,
     ("rodeo/robot/wrist_camera.py", "WristCamera.look", "self._subscribe(node)"): HANDED_ON,
+    ("rodeo/robot/wrist_camera.py", "WristCamera.picture", "self._subscribe(node)"): HANDED_ON,
     (
         "rodeo/robot/wrist_camera.py",
         "WristCamera._subscribe",

@@ -32,7 +32,6 @@ _MADE_BY = {
     "changeKey": "change_judge_key",
     "open": "open_budget_vote",
     "seat": "seat_judge",
-    "setWindows": "allow_kind",
     "updateDelay": "set_delay",
     "vouchFor": "vouch",
 }
@@ -62,7 +61,7 @@ def does(call: queries.ProposedCall) -> str:
 
 def _does(contract: str, function: str) -> str:
     model = COMMANDS.get(_MADE_BY.get(function) or snake_case(function))
-    return f"{phrase(contract)}: {phrase(function).lower()}" if model is None else summary_of(model)
+    return f"{phrase(function)} of the {phrase(contract).lower()}" if model is None else summary_of(model)
 
 
 class ProposalsPage:

@@ -25,7 +25,7 @@ from services.console.pages.proposals import decided, does
             "Give somebody a role; Take a role back",
         ),
         (("BudgetVotes", "open", {}), "Let the members split an amount of the treasury"),
-        (("Organization", "setColour", {}), "Organization: set colour"),
+        (("Organization", "setWindows", {}), "Set windows of the organization"),
         (
             ("0x" + "4e" * 20, "setTerms", {}),
             "call 0x" + "4e" * 20 + ", which is no contract of the organization",
