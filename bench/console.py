@@ -63,8 +63,8 @@ def run() -> dict[str, float | None]:
     with a hundred thousand tasks, medians from the click to what it asked for:
     `console_tasks100000_overview_ms`, `_list_ms` and `_treasury_ms` (from asking to a page that shows its
     rows), `_filter_ms`, `_search_ms` (with the 300 ms in which people continue typing) and `_next_page_ms`,
-    `_event_to_page_p95_ms` on the list, `_api_p95_ms`, of what pages ask for, and `_api_slowest_p95_ms`, of
-    the slowest path; and what `bench.drawing` measures with 1 and 10 robots. A figure is None, and a line
+    `_event_to_page_p95_ms` on the overview, `_api_p95_ms`, of what pages ask for, and `_api_slowest_p95_ms`,
+    of the slowest path; and what `bench.drawing` measures with 1 and 10 robots. A figure is None, and a line
     says why, where a page did not answer in time or was loaded again."""
     with _console(_robots(10)) as (running, _, origin), _circling_robots(running):
         figures = _drawing(origin, 10)
@@ -105,7 +105,7 @@ def _with_a_past(page: Page, running: RunningSite, dao: Dao, origin: str) -> dic
     event = "console_tasks100000_event_to_page_p95_ms"
     return (
         _with_many_tasks(page)
-        | measured(lambda: _event_to_list_p95_ms(page, running, dao), event)
+        | measured(lambda: _event_to_overview_p95_ms(page, running, dao), event)
         | measured(lambda: _api_p95_ms(running, origin), *api)
     )
 
@@ -174,8 +174,9 @@ def _interactive_ms(page: Page) -> float:
     return _median_ms(open_page, lambda: None)
 
 
-def _event_to_list_p95_ms(page: Page, running: RunningSite, dao: Dao) -> float:
-    page.goto("/tasks")
+def _event_to_overview_p95_ms(page: Page, running: RunningSite, dao: Dao) -> float:
+    # Not on the list: a task of the past has a higher number than those that are posted now.
+    page.goto("/")
     _wait_interactive(page)
     return _event_to_page_ms(page, running, dao)[1]
 
