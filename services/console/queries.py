@@ -39,6 +39,8 @@ _QUERY_S = 5.0
 _PAGE_TASKS, _PAGE_TRANSACTIONS = 500, 100
 _REPORTS_KEPT = 64
 _SEALS_KEPT = 256
+_ALBUMS_KEPT = 16
+"""An album may have megabytes."""
 
 Evidence = Task | Attempt
 """What names a proof and the report on it: a task its last, an attempt its own."""
@@ -63,6 +65,7 @@ class Queries:
         self._reviewer = Reviewer(site, self)
         self._reports: OrderedDict[str, Json] = OrderedDict()
         self._seals: OrderedDict[str, Seal] = OrderedDict()
+        self._albums: OrderedDict[str, list[Json]] = OrderedDict()
         self._earnings_lock = threading.Lock()
         self._earnings_chain = ""
         self._transactions: dict[str, queries.Transaction] = {}
@@ -161,15 +164,20 @@ class Queries:
         kept = self._seals.get(evidence.proof_sha256 or "")
         if kept is not None:
             return kept
-        with self.proof(evidence) as path:
-            proof = open_proof(path)
-        seal = Seal(proof.signer, proof.size_bytes, proof.messages, proof.seals)
-        return _keep(self._seals, proof.sha256, seal, _SEALS_KEPT)
+        return self._read(evidence)[0]
 
     def pictures(self, evidence: Evidence) -> list[Json]:
         """The pictures in the recording, as `replay.pictures` has them. Raises UnknownFile, EvidenceError."""
+        kept = self._albums.get(evidence.proof_sha256 or "")
+        return self._read(evidence)[1] if kept is None else kept
+
+    def _read(self, evidence: Evidence) -> tuple[Seal, list[Json]]:
+        """Both at once: reading a recording takes a second, and a page shows both."""
         with self.proof(evidence) as path:
-            return pictures(open_proof(path), self._site)
+            proof = open_proof(path)
+        seal = Seal(proof.signer, proof.size_bytes, proof.messages, proof.seals)
+        album = _keep(self._albums, proof.sha256, pictures(proof, self._site), _ALBUMS_KEPT)
+        return _keep(self._seals, proof.sha256, seal, _SEALS_KEPT), album
 
     def statement(self, task: Task) -> Statement:
         """Note and photos that a person handed in. Raises UnknownFile, EvidenceError."""
