@@ -166,6 +166,9 @@ class Runs:
             differ = [name for name, value in wanted.items() if run.parameters.get(name) != value]
             raise BadAnswer("the record is of another run", differ=", ".join(differ))
 
+    def doubt(self, _answer: bytes) -> str:
+        return ""
+
 
 def record_of(answer: bytes) -> Run:
     """The record in an answer. Raises BadAnswer."""

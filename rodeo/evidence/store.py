@@ -16,6 +16,7 @@ from typing import IO, Any
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
+from fsspec.registry import known_implementations
 
 from rodeo.errors import DiskFull
 from rodeo.evidence.errors import (
@@ -45,6 +46,8 @@ class Store:
         self._url = site.store_url.rstrip("/")
         self._allowed = [self._url, *(url.rstrip("/") for url in site.store.allowed)]
         self._options = site.store.options
+        own = _scheme(self._url)
+        self._configured = {own} if own != "file" else {_scheme(url) for url in self._allowed}
         self._max_bytes = site.store.max_bytes
 
     def uri_of(self, sha256: str, suffix: str) -> str:
@@ -73,7 +76,8 @@ class Store:
 
     def _open(self, uri: str) -> tuple[Any, str]:
         """The filesystem of `uri`, and its path there."""
-        filesystem, path = fsspec.core.url_to_fs(uri, **_with_proxy(uri, self._options))
+        options = self._options if _scheme(uri) in self._configured else {}
+        filesystem, path = fsspec.core.url_to_fs(uri, **_with_proxy(uri, options))
         filesystem.invalidate_cache()  # what another process put there meanwhile counts
         return filesystem, path
 
@@ -136,10 +140,16 @@ class Store:
     def file(self, uri: str) -> Path | None:
         """The path of what `uri` names, if it is a file of this machine. Raises
         ProofUriNotAllowed."""
-        if fsspec.utils.get_protocol(self.check(uri)) != "file":
+        if _scheme(self.check(uri)) != "file":
             return None
         path = Path(LocalFileSystem._strip_protocol(uri))
         return path if path.is_file() else None
+
+    @property
+    def clients(self) -> set[str]:
+        """Modules that speak to the stores; importing one may take a second."""
+        schemes = {_scheme(url) for url in self._allowed} & known_implementations.keys()
+        return {known_implementations[scheme]["class"].rpartition(".")[0] for scheme in schemes}
 
     @property
     def urls(self) -> list[str]:
@@ -187,6 +197,10 @@ class Store:
                 "the bytes do not match the submitted hash", uri=uri, found="0x" + found, expected=sha256
             )
         return path
+
+
+def _scheme(uri: str) -> str:
+    return str(fsspec.utils.get_protocol(uri))
 
 
 def _with_proxy(uri: str, options: dict[str, Any]) -> dict[str, Any]:

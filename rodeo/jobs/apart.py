@@ -41,6 +41,7 @@ from rodeo.evidence.errors import (
     ProofUriNotAllowed,
     StoreUnavailable,
 )
+from rodeo.evidence.store import Store
 from rodeo.host.files import is_full, replace_file, writing
 from rodeo.kinds import KindError, kinds_of
 from rodeo.runtime.process import die_with
@@ -54,6 +55,8 @@ MEMORY_BYTES = 6 << 30
 """Address space of one verification: twice what the largest allowed proof was measured to need."""
 ATTEMPTS = 2
 """A verification that ended without a report is tried once more: the machine may have been the reason."""
+ENDED = "verification_ended"
+"""Name of the check that fails where a verification gave no report."""
 FAULT = "the oracle"
 """The party at fault for an undecided verdict: this oracle failed, neither the parties nor the store."""
 
@@ -141,7 +144,7 @@ def verify_apart(
     found = undecided(f"{once.ended}, {ATTEMPTS} times", FAULT, source)
     if once.began:  # without how it ended: other judges find the same, and only equal reports get their votes
         found = given_up(f"the verification ended without a report, {ATTEMPTS} times", source, FAULT)
-    return report_on(task, Check.of("verification_ended", found), once.acts)
+    return report_on(task, Check.of(ENDED, found), once.acts)
 
 
 class _Once(NamedTuple):
@@ -215,12 +218,9 @@ def report_on(task: Task, check: Check, acts: Sequence[str] = ()) -> Report:
 
 
 @cache
-def _context(site_kinds: tuple[str, ...]) -> ForkServerContext:
-    """Children are forked from a process that has loaded what they need: each kind's checks, and what a
-    module `preload` beside them loads."""
+def _context(loaded: tuple[str, ...]) -> ForkServerContext:
+    """Children are forked from a process that has loaded what they need."""
     context = multiprocessing.get_context("forkserver")
-    # The fork server skips modules that it cannot import: few kinds have a `preload`.
-    loaded = [name for checks in site_kinds for name in (checks, f"{checks}.preload")]
     # Each child runs the main module of its program again.
     programs = [name for name in _PROGRAMS if name in sys.modules]
     context.set_forkserver_preload(
@@ -230,7 +230,11 @@ def _context(site_kinds: tuple[str, ...]) -> ForkServerContext:
 
 
 def _context_of(site: Site) -> ForkServerContext:
-    return _context(tuple(kind.checks.partition(":")[0] for kind in kinds_of(site).values() if kind.checks))
+    """Loaded are each kind's checks, what a module `preload` beside them loads, and the stores' clients."""
+    checks = [kind.checks.partition(":")[0] for kind in kinds_of(site).values() if kind.checks]
+    # The fork server skips modules that it cannot import: few kinds have a `preload`.
+    preloads = [f"{name}.preload" for name in checks]
+    return _context((*checks, *preloads, *sorted(Store(site).clients)))
 
 
 _REPORT, _AWAY = "report.json", "away.json"

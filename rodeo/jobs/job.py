@@ -81,6 +81,9 @@ class Work(Protocol):
     def check(self, job: Job, answer: bytes) -> None:
         """Raises BadAnswer unless these bytes answer this job."""
 
+    def doubt(self, answer: bytes) -> str:
+        """Why another machine, or this one later, may answer otherwise; empty for an answer that lasts."""
+
 
 class Engine(Protocol):
     """Has jobs done, on whichever machine."""

@@ -33,6 +33,8 @@ from rodeo.text.foreign_text import in_words, quoted
 VERIFY = "verify"
 _LAB = ("lab", "bins", "docks", "robots", "items", "kinds")
 """Tables of the site file that a verification reads, beside the clock's speed and the token."""
+_OF_A_MACHINE = {"fetched", apart.ENDED}
+"""Checks that fail where a machine does not reach the store, finds other bytes there, or is too slow."""
 _LOG_BYTES = 64 << 10
 
 
@@ -157,6 +159,11 @@ class Verify:
         }
         if wrong:
             raise BadAnswer("the report is on another proof", **wrong)
+
+    def doubt(self, answer: bytes) -> str:
+        report = Report.model_validate_json(answer)
+        ends = {check.name for check in report.checks if check.passed is False}
+        return report.reason if ends & _OF_A_MACHINE else ""
 
     def _compare(self, asked: Asked) -> None:
         """Raises WorkerDiffers."""

@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 
 from rodeo.errors import Interrupted
 from rodeo.host.files import replace_file
-from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError
+from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed
 from rodeo.jobs.local import Local
 
 log = logging.getLogger(__name__)
@@ -47,7 +47,8 @@ class Runner:
     Args:
         local: the engine of this machine.
         elsewhere: the engine that jobs are given to first; `local` does what it fails at.
-        folder: answers are kept here under their job's key, and a job whose answer is here is not done again.
+        folder: answers that last are kept here under their job's key, and a job whose answer is here is not
+            done again.
     """
 
     def __init__(self, local: Local, elsewhere: Engine | None = None, *, folder: Path) -> None:
@@ -106,13 +107,16 @@ class Runner:
             try:
                 answer = engine.do(job, self.stop, len(lost))
                 self._check(job, answer)
+                if (doubt := self._local.works[job.work].doubt(answer)) and engine is not self._local:
+                    raise JobFailed("a worker's answer that only holds for its machine", answer=doubt)
             except JobError as error:
                 if self.stop.is_set():
                     raise Interrupted("stopped while a job was done", job=job.key) from error
                 log.warning("job %s of %s: %s", job.key[:8], engine.name, error)
                 lost.append(error)
                 continue
-            replace_file(self._path(job), answer)
+            if not doubt:
+                replace_file(self._path(job), answer)
             return Done(job, answer, None, engine.name, time.monotonic() - began_s, tuple(lost))
         return Done(job, None, lost.pop(), self._local.name, time.monotonic() - began_s, tuple(lost))
 

@@ -530,8 +530,8 @@ class StoreConfig(_Table):
     allowed: list[StoreUrl] = []
     """Further URL prefixes that a proof may be fetched from."""
     options: dict[str, Any] = {}
-    """Options of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not
-    belong here."""
+    """Options of fsspec's client for URLs with the scheme of `url`, or of `allowed` where `url` is a folder
+    ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
 
     @field_validator("options")
     @classmethod

@@ -5,26 +5,38 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
 from deploy.certificates import ensure_certificates
+from rodeo.checks.report import Report
 from rodeo.errors import Interrupted
+from rodeo.evidence.errors import StoreUnavailable
+from rodeo.evidence.recorder import SealedProof
+from rodeo.evidence.store import Store
 from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers, WorkerLost
 from rodeo.jobs.local import Local
+from rodeo.jobs.proofs import Verify
 from rodeo.jobs.runner import Done, Runner
 from rodeo.site.config import Site
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_pool.authority import ensure
 from rodeo_pool.engine import Dask
 from rodeo_pool.errors import PoolFilesMissing, PoolUnavailable
+from rodeo_testing.assignments import BINDING, ROBOT
+from rodeo_testing.recordings import Take, seal
 from rodeo_testing.waiting import wait_until
+from tests.support import s3
 from tests.support.pool import Deed, started
 from tests.support.site import LAB
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
-MAX_BYTES = 1 << 20
+MAX_BYTES = 4 << 20
+CLOSED, LARGE, OTHER, LACKING = bytes(1), bytes(MAX_BYTES + 1), bytes(2), bytes(3)
+"""What lies where no worker may read, is too large, has another file's name, or is not there."""
 
 
 @pytest.fixture(scope="module")
@@ -35,16 +47,53 @@ def tls(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def address(tls: Path) -> Iterator[str]:
-    with started(
-        "tests.support.pool", tls, LAB, DASK_DISTRIBUTED__WORKER__PRELOAD="tests.support.pool"
-    ) as at:
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """The site of client and workers. Its store is in S3, and only workers have credentials."""
+    stores = {"RODEO__STORE__URL": "s3://proofs", "RODEO__STORE__ALLOWED": '["s3://closed"]'}
+    environment = stores | {"RODEO__STORE__MAX_BYTES": str(MAX_BYTES), "RODEO__CLOCK__SOURCE": "wall"}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        yield Site.load(LAB).model_copy(update={"data_dir": tmp_path_factory.mktemp("data")})
+
+
+@pytest.fixture(scope="module")
+def proof(site: Site, tmp_path_factory: pytest.TempPathFactory) -> tuple[Take, SealedProof]:
+    take = film_cleaning(site, "item1")
+    return take, seal(take, tmp_path_factory.mktemp("sealed") / "proof.mcap", BINDING, ROBOT)
+
+
+@pytest.fixture(scope="module")
+def readers(proof: tuple[Take, SealedProof]) -> Iterator[dict[str, str]]:
+    """The workers' credentials."""
+    files = {hashed(data): data for data in (proof[1].path.read_bytes(), LARGE)} | {hashed(OTHER): b"other"}
+    with s3.serving() as url, pytest.MonkeyPatch.context() as patch:
+        for bucket, holds in {"proofs": files, "closed": {hashed(CLOSED): CLOSED}}.items():
+            s3.make_bucket(url, bucket, {f"{name[2:]}.mcap": data for name, data in holds.items()})
+        s3.without_credentials(patch, url)
+        with s3.closed(url, "proofs") as credentials:
+            yield credentials
+
+
+def hashed(data: bytes) -> str:
+    return "0x" + sha256(data).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def address(tls: Path, site: Site, readers: dict[str, str]) -> Iterator[str]:
+    preload = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"}
+    with started("tests.support.pool", tls, LAB, **preload, **readers) as at:
         yield at
 
 
 @pytest.fixture(scope="module")
-def engine(tls: Path, address: str) -> Iterator[Dask]:
-    dask = Dask(address, tls, {Deed.name: Deed()}, MAX_BYTES)
+def verify(site: Site) -> Verify:
+    return Verify(site, site.data_dir / "verifying")
+
+
+@pytest.fixture(scope="module")
+def engine(tls: Path, address: str, verify: Verify) -> Iterator[Dask]:
+    dask = Dask(address, tls, {Deed.name: Deed(), Verify.name: verify}, MAX_BYTES)
     yield dask
     dask.close()
 
@@ -109,6 +158,47 @@ def test_a_job_that_kills_two_workers_is_done_here_and_none_is_lost_or_doubled(
     assert killed.by == "local"
     assert [type(one) for one in killed.lost] == [WorkerLost, WorkerLost]
     assert not [one for one in found if one.answer is None]
+
+
+def submitted(proof: tuple[Take, SealedProof], verify: Verify, uri: str, sha256: str) -> Job:
+    return verify.job(sha256, cleaning_chain_record(proof[0], proof_uri=uri, proof_sha256=sha256))
+
+
+def test_a_worker_reads_a_proof_from_s3_with_credentials_that_its_client_does_not_have(
+    engine: Dask, verify: Verify, proof: tuple[Take, SealedProof], site: Site, tmp_path: Path
+) -> None:
+    uri = f"s3://proofs/{proof[1].sha256[2:]}.mcap"
+    with pytest.raises(StoreUnavailable, match="NoCredentialsError"):
+        Store(site).fetch(uri, proof[1].sha256, folder=tmp_path)
+    asked = submitted(proof, verify, uri, proof[1].sha256)
+    answer = engine.do(asked, threading.Event())
+    verify.check(asked, answer)
+    assert Report.model_validate_json(answer).accepted
+
+
+@pytest.mark.parametrize(
+    ("bucket", "data", "words"),
+    [
+        ("closed", CLOSED, "PermissionError"),
+        ("proofs", LARGE, "proof_too_large"),
+        ("proofs", OTHER, "proof_hash_mismatch"),
+        ("proofs", LACKING, "proof_not_found"),
+    ],
+)
+def test_what_no_worker_can_fetch_is_named_and_no_verdict_before_this_machine_says_so(
+    engine: Dask,
+    verify: Verify,
+    proof: tuple[Take, SealedProof],
+    tmp_path: Path,
+    bucket: str,
+    data: bytes,
+    words: str,
+) -> None:
+    sha256 = hashed(data)
+    asked = submitted(proof, verify, f"s3://{bucket}/{sha256[2:]}.mcap", sha256)
+    (found,) = Runner(Local([verify]), engine, folder=tmp_path).run([asked])
+    assert [words in str(one) for one in found.lost] == [True, True]
+    assert found.answer is None and "NoCredentialsError" in str(found.error)
 
 
 def test_a_stop_ends_the_job_on_its_worker(engine: Dask, tmp_path: Path) -> None:

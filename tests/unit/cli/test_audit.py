@@ -134,7 +134,7 @@ def test_a_second_audit_continues_from_the_answers_of_the_first(audited: Audited
         return {one.name: one.stat().st_mtime_ns for one in (audited.folder / "answers").iterdir()}
 
     before = written()
-    assert len(before) == TASKS
+    assert len(before) == TASKS - 1  # a file may be mended
     assert [one.attempt.task_id for one in audited.examine().wrong] == sorted(audited.planted)
     assert written() == before
 
@@ -176,5 +176,7 @@ def test_the_command_has_a_pool_find_the_same_although_a_worker_is_killed_and_ex
     said = json.loads(done.stdout)
     found = {one["task_id"]: one["findings"][0]["what"] for one in said["verdicts"] if one["wrong"]}
     assert found == audited.planted
-    assert [one["by"] for one in said["verdicts"]] == TASKS * ["dask"]
+    # Other bytes than the chain names are a finding once this machine has them, too.
+    by = {one["task_id"]: one["by"] for one in said["verdicts"]}
+    assert by == {task: "local" if audited.planted.get(task) == "file" else "dask" for task in by}
     assert (tmp_path / "audit.html").read_text().startswith("<!doctype html>")

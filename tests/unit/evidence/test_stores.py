@@ -13,12 +13,12 @@ from urllib.parse import urlsplit
 
 import fsspec
 import pytest
-from moto.server import ThreadedMotoServer
 
 from rodeo.evidence import upload
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.site.config import Site
+from tests.support.s3 import serving
 from tests.support.site import LAB, free_port
 
 DATA = os.urandom(3 << 20)
@@ -75,11 +75,8 @@ def shelf() -> Iterator[tuple[str, dict[str, bytes]]]:
 
 @pytest.fixture(scope="module")
 def s3_endpoint() -> Iterator[str]:
-    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    yield f"http://{host}:{port}"
-    server.stop()
+    with serving() as url:
+        yield url
 
 
 @pytest.fixture
@@ -119,6 +116,16 @@ def test_what_is_put_is_fetched_by_its_hash(store: Store, proof: Path, tmp_path:
     assert uri.endswith(f"/{HASH[2:]}.mcap")
     assert store.put(proof) == uri
     assert store.fetch(uri, HASH, folder=tmp_path / "fetched").read_bytes() == DATA
+
+
+def test_options_of_the_site_s_store_are_not_those_of_another_allowed_one(
+    shelf: tuple[str, dict[str, bytes]], s3: dict[str, Any], proof: Path, tmp_path: Path
+) -> None:
+    url, files = shelf
+    files[urlsplit(f"{url}/{HASH[2:]}.mcap").path] = DATA
+    both = store_at("s3://proofs", tmp_path, options=s3, allowed=[url])
+    assert both.fetch(f"{url}/{HASH[2:]}.mcap", HASH, folder=tmp_path / "fetched").read_bytes() == DATA
+    assert both.clients >= {"s3fs", "fsspec.implementations.http"}
 
 
 def test_what_is_not_there_is_told(store: Store, proof: Path, tmp_path: Path) -> None:

@@ -44,7 +44,9 @@ def test_an_honest_proof_is_accepted_and_its_report_answers_the_job(
     report = Report.model_validate_json(answer)
     assert report.accepted, report.reason
     assert report.to_bytes() == answer
-    Verify(at, tmp_path).check(job, answer)
+    verify = Verify(at, tmp_path)
+    verify.check(job, answer)
+    assert verify.doubt(answer) == ""
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_a_file_with_other_bytes_is_reported_as_not_fetched(at: Site, job: Job, 
     changed = Job(job.work, job.given, tmp_path / "changed.mcap")
     answer = verify.do(changed, threading.Event())
     verify.check(changed, answer)
-    assert "proof_hash_mismatch" in Report.model_validate_json(answer).reason
+    assert "proof_hash_mismatch" in verify.doubt(answer)
 
 
 def test_a_file_that_the_store_would_not_give_is_reported_as_not_fetched(
@@ -106,6 +108,7 @@ def test_a_verification_that_ends_without_a_report_is_given_up_as_the_oracle_doe
         (done,) = runner.run([job])
     assert done.answer is not None
     assert Report.model_validate_json(done.answer).outcome == "given_up"
+    assert not list((tmp_path / "kept").iterdir())
 
 
 def test_a_file_of_no_chain_that_hangs_the_checks_has_no_answer(at: Site, job: Job, tmp_path: Path) -> None:

@@ -35,6 +35,9 @@ class Doubling:
         if answer != str(2 * job.given["number"]).encode():
             raise BadAnswer("this is not twice the number", answer=answer[:20])
 
+    def doubt(self, _answer: bytes) -> str:
+        return ""
+
 
 @dataclass
 class Elsewhere:
@@ -107,6 +110,23 @@ def test_a_job_that_one_worker_fails_at_is_given_to_the_next(tmp_path: Path) -> 
     with Runner(Local([work]), Elsewhere(second_time), folder=tmp_path) as runner:
         (done,) = runner.run([Job("double", {"number": 4})])
     assert (done.answer, done.by, work.done) == (b"8", "elsewhere", [])
+
+
+class OfNow(Doubling):
+    """Another machine, or the same one later, may answer otherwise."""
+
+    def doubt(self, _answer: bytes) -> str:
+        return "the store lacked it"
+
+
+def test_an_answer_that_another_machine_may_not_give_counts_from_this_one_and_is_not_kept(
+    tmp_path: Path,
+) -> None:
+    with Runner(Local([OfNow()]), Elsewhere(lambda _: b"8"), folder=tmp_path) as runner:
+        (done,) = runner.run([Job("double", {"number": 4})])
+    assert (done.answer, done.by) == (b"8", "local")
+    assert [error.details["answer"] for error in done.lost] == TRIES * ["the store lacked it"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_job_that_fails_comes_back_with_its_log_and_the_others_continue(tmp_path: Path) -> None:
