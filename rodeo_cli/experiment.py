@@ -44,6 +44,10 @@ CalibratedOption = Annotated[
 ArrivalsOption = Annotated[
     str, typer.Option(help="poisson:RATE per hour, or a CSV file with a column `hours`.", metavar="SOURCE")
 ]
+UnlistedOption = Annotated[
+    bool,
+    typer.Option("--unlisted", help="List nothing: robots find what people leave, or people point at it."),
+]
 PaceOption = Annotated[
     Literal["site", "paper"], typer.Option(help="Speed limits of the site file, or slower ones.")
 ]
@@ -73,6 +77,7 @@ def paper(
     tariff: TariffOption = None,
     chain: Annotated[Literal["eth-tester", "anvil"] | None, typer.Option(help="The local chain.")] = None,
     pace: PaceOption = "site",
+    unlisted: UnlistedOption = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
     ] = False,
@@ -91,6 +96,9 @@ def paper(
     With --seeds or --set, each run is a job: it is kept once it is done, and not run again. The report shows
     the medians of all seeds with their intervals, for each setting.
 
+    With --unlisted nothing that people leave is an item of the site. Robots that explore find it, or a person
+    posts its place.
+
     Exit status 0 only if every arrival was posted, every task is over and the supply of IEC was conserved.
     """
     from rodeo_cli.study import Study
@@ -98,12 +106,20 @@ def paper(
 
     _need_matplotlib()
     stop_on_signals()
-    vary = Variation(seed=seed, days=days, robots=robots, tariff=tariff, chain=chain, slow=pace == "paper")
+    vary = Variation(
+        seed=seed,
+        days=days,
+        robots=robots,
+        tariff=tariff,
+        chain=chain,
+        slow=pace == "paper",
+        unlisted=unlisted,
+    )
     studied = seeds > 1 or bool(changes)
     if pool and not studied:
         raise InvalidRequest("a pool does the runs of a study: use --seeds or --set", pool=pool)
     if calibrated is None:
-        calibrated = site == PAPER and not (days or robots or arrivals or vary.slow or studied)
+        calibrated = site == PAPER and not (days or robots or arrivals or vary.slow or unlisted or studied)
     try:
         if studied:
             study = Study(site, out, vary, arrivals, seeds, changes or (), calibrated)
@@ -212,6 +228,7 @@ def _options(base: Path, vary: Variation, source: str) -> dict[str, str | int | 
         "tariff": None if vary.tariff is None else str(vary.tariff.resolve()),
         "chain": vary.chain,
         "pace": "paper" if vary.slow else None,
+        "unlisted": 1 if vary.unlisted else None,
     }
 
 

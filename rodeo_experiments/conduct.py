@@ -31,6 +31,7 @@ from rodeo.site.config import Site
 from rodeo.site.tls import OPERATOR, identity
 from rodeo_experiments.arrivals import day_begins_s
 from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.fallen import with_fallen
 from rodeo_experiments.lab import Lab
 from rodeo_experiments.people import OVER, Agenda, Board, People, Plan, paged
 from rodeo_experiments.progress import Journal
@@ -214,7 +215,8 @@ class Conduct:
         return event.seq <= self._followed_seq
 
     def _all_over(self) -> bool:
-        return not self._news and all(task.state in OVER for task in self._board.tasks())
+        posted = all(one.task_id is not None for one in self._journal.progress.arrivals)
+        return posted and not self._news and all(task.state in OVER for task in self._board.tasks())
 
     # -- what is known in the end ------------------------------------------------------------------------
 
@@ -222,6 +224,7 @@ class Conduct:
         site, plan, board = self._site, self._plan, self._board
         progress, meters = self._journal.progress, self._journal.meters
         status = self._bus.query(topics.STATUS.name(org=site.org, process="robot_sim"), timeout_s=30.0)
+        tasks = board.tasks()
         transfers = paged(
             lambda offset: board.ask(queries.TRANSFERS, limit=queries.MAX_PAGE, offset=offset).transfers
         )
@@ -250,7 +253,7 @@ class Conduct:
             supply_start_iec=str(minted),
             supply_end_iec=str(board.ask(queries.WALLETS).supply_iec),
             started_s=progress.started_s,
-            tasks=board.tasks(),
+            tasks=tasks,
             transfers=sorted(transfers, key=lambda one: one.seq),
             transactions=sorted(transactions, key=lambda one: one.block),
             participants=board.ask(queries.PARTICIPANTS).participants,
@@ -258,7 +261,8 @@ class Conduct:
             sent=progress.sent,
             battery=battery,
             flows=flows,
-            arrivals=progress.arrivals,
+            things=site.things,
+            arrivals=with_fallen(site, progress.arrivals, tasks),
             notes=progress.notes,
         )
 
@@ -312,5 +316,7 @@ def parameters(site: Site) -> dict[str, str]:
         "chain.backend": site.chain.backend,
         "lab.size_m": site.lab.size_m,
         "kinds": {name: str(kind.price_iec) for name, kind in kinds_of(site).items()},
+        "items": len(site.items),
+        "things": len(site.things),
     }
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in shown.items()}

@@ -45,7 +45,7 @@ class Lab:
         self._site = site
         self._floor = Floor(site)
         self._chance = chance
-        self._items = {item.id: item for item in site.items}
+        self._items = {item.id: item for item in (*site.items, *site.things)}
         self._client = node.client(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type)
         self._poses: dict[str, Any] = {}
         for robot in site.robots:

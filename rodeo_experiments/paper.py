@@ -107,7 +107,7 @@ def fitted(figures: Figures, calibrated: Figures, from_w: float, to_w: float) ->
 
 
 def _rows(figures: Figures) -> list[Row]:
-    parts = (_counts, _money, _times, _funded, _costs)
+    parts = (_counts, _unlisted, _money, _times, _funded, _costs)
     return [row for part in parts for row in part(figures)]
 
 
@@ -125,6 +125,48 @@ def _counts(figures: Figures) -> list[Row]:
             "none told",
             "–",
             ", ".join(str(results[f"tasks_{end}"]) for end in ("rejected", "void", "expired")),
+        ),
+    ]
+
+
+def _unlisted(figures: Figures) -> list[Row]:
+    every = figures.unlisted
+    if not every.left:
+        return []
+    return [
+        Row("Things that people left", f"{CLEANINGS}", "–", f"{len(every.left)}, none of them listed"),
+        Row("Found by a robot", "none told", "–", f"{len(every.found)}"),
+        Row("Posted by a person", f"{CLEANINGS}, on a web page", "–", f"{len(every.pointed)}"),
+        Row("In the bin", f"{CLEANINGS}", "–", f"{len(every.fallen)}"),
+        Row(
+            "From being left to being found by a robot (min)",
+            "none told",
+            "–",
+            _spread([one.posted_min for one in every.found]),
+        ),
+        Row(
+            "From being left to being posted by a person (min)",
+            "at once",
+            "–",
+            _spread([one.posted_min for one in every.pointed]),
+        ),
+        Row(
+            "From being left to lying in the bin (min)",
+            "not told",
+            "–",
+            _spread([one.in_bin_min for one in every.fallen]),
+        ),
+        Row(
+            "Class as the bin named it",
+            "not told",
+            "–",
+            f"right for {sum(one.is_known for one in every.fallen)} of {len(every.fallen)}",
+        ),
+        Row(
+            "Bin's scale, off the mass (g)",
+            "not told",
+            "–",
+            _spread([one.off_g for one in every.fallen]),
         ),
     ]
 

@@ -1,4 +1,4 @@
-"""What people do in an experiment: they leave things on the floor, and one of them empties the bin."""
+"""What people do in an experiment: they leave things on the floor, point at some, and one empties the bin."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from rodeo.kinds import Kind, kinds_of, providing_energy
 from rodeo.person.statement import Executor, judge
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.signing import wallets
+from rodeo.site.chance import generator
 from rodeo.site.config import Site
 from rodeo.site.sections import ExperimentConfig
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
@@ -161,10 +162,13 @@ class People:
                 self.ended(task.id)
             elif task.kind == self._plan.experiment.emptying and task.state in _NEXT:
                 news.append((_NEXT[task.state], task.id))
+        for arrival in self._journal.progress.arrivals:
+            self._await_finder(arrival)
         return news
 
     def leave(self, number: int, due_s: float) -> None:
-        """Somebody leaves an item on the floor, and the organization posts a task for it.
+        """Somebody leaves something on the floor. The organization posts a task for it: at once for an item
+        of the site, and for anything else when somebody has found it.
 
         Raises NoFreePlace where the floor is full long after `due_s`.
         """
@@ -186,24 +190,43 @@ class People:
             progress.planned = item, x_m, y_m
             self._journal.save()
         item, x_m, y_m = progress.planned
-        task_id = self._board.post(
+        arrival = Arrival(number=number, time_s=self._clock.now_s(), item=item, x_m=x_m, y_m=y_m)
+        if item in [one.id for one in self._plan.site.items]:
+            params = {str(self._plan.work.subject): item, "x_m": x_m, "y_m": y_m}
+            arrival.task_id = self._post(number, f"{item} at {x_m:.2f}, {y_m:.2f}", params)
+        progress.arrivals.append(arrival)
+        progress.items[item], progress.planned = str(number), None
+        progress.next_arrival = max(progress.next_arrival, number + 1)
+        self._journal.save()
+        self._await_finder(arrival)
+
+    def _post(self, number: int, description: str, params: dict[str, Any]) -> int:
+        """The task's number, also if it was posted before."""
+        return self._board.post(
             RegisterTask(
                 request_id=f"arrival-{number}",
                 kind=self._plan.work.name,
                 reward_iec=self._plan.work.price_iec,
-                params={**self._plan.work.complete(self._plan.site, self._params(item, x_m, y_m))},
-                description=f"{item} at {x_m:.2f}, {y_m:.2f}",
+                params={**self._plan.work.complete(self._plan.site, params)},
+                description=description,
             )
         )
-        progress.arrivals.append(
-            Arrival(number=number, time_s=self._clock.now_s(), item=item, x_m=x_m, y_m=y_m, task_id=task_id)
-        )
-        progress.items[item], progress.planned = str(number), None
-        progress.next_arrival = max(progress.next_arrival, number + 1)
-        self._journal.save()
 
-    def _params(self, item: str, x_m: float, y_m: float) -> dict[str, Any]:
-        return {str(self._plan.work.subject): item, "x_m": x_m, "y_m": y_m}
+    def _await_finder(self, arrival: Arrival) -> None:
+        if arrival.task_id is None:
+            unnoticed_s = 60 * self._plan.experiment.unnoticed_min
+            self._agenda.at(arrival.time_s + unnoticed_s, partial(self._point, arrival))
+
+    def _point(self, arrival: Arrival) -> None:
+        """Somebody posts a task for what lies there, unless there is one."""
+        if arrival.task_id is not None:
+            return
+        # Of each thing for itself, so that a run that continues points to the same places.
+        chance = generator(self._plan.site, "arrivals", f"point {arrival.number}")
+        east_m, north_m = chance.normal(0, self._plan.experiment.pointing_error_m, 2)
+        params = {"x_m": round(arrival.x_m + east_m, 3), "y_m": round(arrival.y_m + north_m, 3)}
+        arrival.task_id = self._post(arrival.number, "Somebody left something here.", params)
+        self._journal.save()
 
     def _lying(self) -> list[Point]:
         lying = {where for where in self._journal.progress.items.values() if where.isdecimal()}

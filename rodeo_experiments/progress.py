@@ -94,7 +94,7 @@ class Journal:
 
     def __init__(self, path: Path, site: Site) -> None:
         self._path = path
-        self.progress = Progress(items=dict.fromkeys((item.id for item in site.items), "away"))
+        self.progress = Progress(items=dict.fromkeys((one.id for one in (*site.items, *site.things)), "away"))
         if path.exists():
             self.progress = Progress.model_validate_json(path.read_text())
         self._begun_wall_s = time.monotonic() - self.progress.wall_s

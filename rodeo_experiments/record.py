@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Person, Transaction, Transfer
+from rodeo.lab.config import ItemConfig
 
 
 class Heard(BaseModel):
@@ -53,15 +54,29 @@ class Flow(BaseModel):
     cost_eur: float = 0.0
 
 
+class Fallen(BaseModel):
+    """What the bin signed about the thing of a proof."""
+
+    item_class: str
+    weight_n: float
+    time_s: float
+    """When its weight had settled."""
+
+
 class Arrival(BaseModel):
-    """An item that was left on the floor, and the task that was posted for it."""
+    """Something that was left on the floor, and the task that was posted for it."""
 
     number: int
     time_s: float
     item: str
     x_m: float
     y_m: float
-    task_id: int
+    task_id: int | None = None
+    """None while nobody has posted one."""
+    found_by: str | None = None
+    """The robot that found it; None if a person pointed at it."""
+    fallen: Fallen | None = None
+    """Of a paid cleaning, by its proof."""
 
 
 class Run(BaseModel):
@@ -95,6 +110,8 @@ class Run(BaseModel):
     sent: list[Sent]
     battery: list[Reading]
     flows: list[Flow]
+    things: list[ItemConfig] = []
+    """What people leave and nobody listed; empty where all of it is listed."""
     arrivals: list[Arrival]
     notes: list[str]
     """What did not go as planned, in words."""

@@ -21,13 +21,12 @@ from rodeo.site.sections import ExperimentConfig
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
 from rodeo_experiments.results import Figures, median, step_of
+from rodeo_experiments.unlisted import COLUMNS as OF_THINGS
 
 _LIMITS = (
     "The robot, its arm, the bin, the dock and the lab are simulated in MuJoCo. Contacts, motors and "
     "sensors are "
     "models with noise. A real lab has people in it, and other light, floors and radio.",
-    "Somebody leaves an item on free floor at a random place and time. The organization hears of it at once "
-    "where it is.",
     "The simulated clock waits for bridge, oracle and chain. On the site's clock a verdict therefore takes "
     "no time, "
     "and the wall time of a verdict depends on this machine.",
@@ -40,6 +39,22 @@ _LIMITS = (
     "for its "
     "data is not counted.",
 )
+_ARRIVING = (
+    "Somebody leaves an item on free floor at a random place and time. The organization hears of it at once "
+    "where it is."
+)
+_UNLISTED = (
+    "People left these on the floor, and no process but the simulator knew of them. The bin named the class "
+    "of what it was shown, and weighed what fell. Each is in `things.csv`."
+)
+
+
+def _arriving(experiment: ExperimentConfig) -> str:
+    return (
+        "Somebody leaves a thing on free floor at a random place and time. If no robot has found it "
+        f"{experiment.unnoticed_min:g} minutes later, a person posts its place, which is "
+        f"{experiment.pointing_error_m:g} m off (standard deviation, east and north)."
+    )
 
 
 _Local = Callable[[float | None], str]
@@ -92,6 +107,35 @@ def write_tables(figures: Figures, experiment: ExperimentConfig, folder: Path) -
         ),
     )
     _write_transactions(run, experiment, folder, local)
+    if run.things:
+        _write_things(figures, folder, local)
+
+
+def _write_things(figures: Figures, folder: Path, local: _Local) -> None:
+    _csv(
+        folder / "things.csv",
+        "number thing class mass_g x_m y_m left found_by task end in_bin bins_class scale_g",
+        (
+            [
+                one.arrival.number,
+                one.thing.id,
+                one.thing.item_class,
+                f"{one.thing.mass_kg * 1000:g}",
+                one.arrival.x_m,
+                one.arrival.y_m,
+                local(one.arrival.time_s),
+                one.arrival.found_by or "",
+                one.arrival.task_id or "",
+                one.end,
+                *(
+                    ["", "", ""]
+                    if (fallen := one.arrival.fallen) is None
+                    else [local(fallen.time_s), fallen.item_class, f"{one.scale_g:.1f}"]
+                ),
+            ]
+            for one in figures.unlisted.left
+        ),
+    )
 
 
 def _write_tasks(run: Run, folder: Path, local: _Local) -> None:
@@ -190,6 +234,15 @@ def markdown(
         to_w = experiment.calibrated_idle_power_w or from_w
         lines += [paper.fitted(figures, calibrated, from_w, to_w), ""]
     lines += table_lines(heads[:columns], [row[:columns] for row in rows])
+    if run.things:
+        lines += [
+            "",
+            "## What nobody listed",
+            "",
+            _UNLISTED,
+            "",
+            *table_lines(OF_THINGS, figures.unlisted.rows()),
+        ]
     lines += ["", "## Where the paper's numbers contradict each other", ""]
     lines += [f"- {one}" for one in paper.contradictions()]
     lines += ["", "## What differs between its robot and ours", "", _differences(figures, site), ""]
@@ -203,7 +256,8 @@ def markdown(
     lines += ["## Method", "", *_method(figures), ""]
     lines += ["## Parameters", "", *table_lines(("parameter", "value"), sorted(run.parameters.items())), ""]
     lines += ["## Machine and versions", "", *table_lines(("what", "which"), sorted(run.machine.items())), ""]
-    lines += ["## Limits of the simulation", "", *(f"- {one}" for one in _LIMITS), ""]
+    limits = [_arriving(experiment) if run.things else _ARRIVING, *_LIMITS]
+    lines += ["## Limits of the simulation", "", *(f"- {one}" for one in limits), ""]
     lines += [
         "## All results",
         "",

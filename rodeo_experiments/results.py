@@ -14,6 +14,7 @@ from functools import cached_property
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Transaction, Transfer
 from rodeo_experiments.record import Flow, Run
+from rodeo_experiments.unlisted import Unlisted
 
 STEPS = {
     "Ruled": "verdict and payment",
@@ -139,6 +140,10 @@ class Figures:
         """What the balance grew by on each day."""
         ends = [self.balance(name, self.started_s), *self.day_ends(name)]
         return [after - before for before, after in itertools.pairwise(ends)]
+
+    @cached_property
+    def unlisted(self) -> Unlisted:
+        return Unlisted(self.run)
 
     @cached_property
     def charge_price(self) -> Decimal:
@@ -279,13 +284,29 @@ class Figures:
             "wall_s": run.wall_s,
             "seed": run.seed,
         }
+        if run.things:
+            found |= self._unlisted()
         return {name: _plain(value) for name, value in found.items()}
+
+    def _unlisted(self) -> dict[str, Value]:
+        """What became of the things that nobody listed."""
+        every = self.unlisted
+        return {
+            "things_found_by_robots": len(every.found),
+            "things_pointed_at": len(every.pointed),
+            "things_in_bin": len(every.fallen),
+            "things_class_known": sum(one.is_known for one in every.fallen),
+            "things_scale_off_g_median": median(one.off_g for one in every.fallen),
+            "things_posted_min_median": median(one.posted_min for one in (*every.found, *every.pointed)),
+            "things_in_bin_min_median": median(one.in_bin_min for one in every.fallen),
+        }
 
     def problems(self, arrivals: int) -> list[str]:
         """Why this run is no success; empty when it is one."""
         found = []
-        if len(self.run.arrivals) != arrivals:
-            found.append(f"{len(self.run.arrivals)} of {arrivals} arrivals were posted")
+        posted = sum(one.task_id is not None for one in self.run.arrivals)
+        if posted != arrivals:
+            found.append(f"{posted} of {arrivals} arrivals were posted")
         live = [task.id for task in self.run.tasks if task.state not in ("settled", "cancelled", "failed")]
         if live:
             found.append(f"tasks {live} are not over")

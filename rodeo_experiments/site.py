@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,8 @@ class Variation:
     """Robots keep to `experiment.slow_limits`."""
     calibrated: bool = False
     """Robots have the base load `experiment.calibrated_idle_power_w`."""
+    unlisted: bool = False
+    """What people leave is listed nowhere, and `experiment.unlisted` says what else differs."""
 
 
 def write_site(base: Path, folder: Path, vary: Variation) -> Path:
@@ -65,6 +68,9 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
         "robots": _robots(site, tables["robots"], vary),
         "experiment": experiment,
     }
+    if vary.unlisted:
+        changes |= {"items": [], "things": [*tables.get("things", []), *tables.get("items", [])]}
+        changes |= dict(_leaves(site.experiment.unlisted))
     if vary.seed is not None:
         changes["clock.seed"] = vary.seed
     if vary.chain is not None:
@@ -84,6 +90,15 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
         )
     )
     return path
+
+
+def _leaves(table: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Each setting of a table by its full name."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value
 
 
 def overrides_sha256() -> dict[str, str]:

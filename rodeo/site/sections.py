@@ -684,6 +684,13 @@ class ExperimentConfig(_Table):
     """Motion limits of the robots with `--pace paper`, and in the calibrated run."""
     calibrated_idle_power_w: float | None = Field(None, gt=0)
     """Base load of the robots in the calibrated run, W. None: the site has no calibrated run."""
+    unlisted: dict[str, Any] = {}
+    """Tables of the site file with the settings that differ with `--unlisted`."""
+    unnoticed_min: float = Field(default=30.0, ge=0)
+    """Minutes of site time after which a person posts a task for a thing that is listed nowhere, if no robot
+    has found it."""
+    pointing_error_m: float = Field(default=0.05, ge=0, le=0.1)
+    """Standard deviation of the place that this person names, east and north."""
 
     @field_validator("arrival_hours")
     @classmethod

@@ -47,6 +47,7 @@ def test_the_published_days_run_twice_and_a_problem_of_the_second_is_told(ran: R
         ["--arrivals", "poisson:2"],
         ["--pace", "paper"],
         ["--no-calibrated"],
+        ["--unlisted"],
     ],
     ids=lambda options: options[0],
 )

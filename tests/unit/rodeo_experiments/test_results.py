@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Person, Transaction, Transfer
@@ -14,8 +17,8 @@ from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments import paper
 from rodeo_experiments.arrivals import day_begins_s
-from rodeo_experiments.record import Arrival, Flow, Heard, Reading, Run, Sent
-from rodeo_experiments.report import markdown, write_report
+from rodeo_experiments.record import Arrival, Fallen, Flow, Heard, Reading, Run, Sent
+from rodeo_experiments.report import markdown, write_report, write_tables
 from rodeo_experiments.results import Figures
 from tests.support.tasks import task
 
@@ -250,10 +253,64 @@ def test_a_calibrated_run_stands_beside_the_others_with_what_was_fitted() -> Non
     assert "A charge took 70.0 min (65.5; this run 60.0)" in text
 
 
+def an_unlisted_run() -> Run:
+    """A robot found the first thing after a minute, a person pointed at the second, and the third lies there
+    still."""
+    tasks = [
+        one.model_copy(update={"registered": BEGIN_S + 60 * after_min})
+        for one, after_min in zip(TASKS[:2], (1, 30), strict=True)
+    ]
+    ends: list[dict[str, Any]] = [
+        {"task_id": 1, "found_by": "panther1"},
+        {"task_id": 2},
+        {"task_id": None},
+    ]
+    fallen = Fallen(item_class="metal", weight_n=0.31, time_s=BEGIN_S + 120)
+    arrivals = [
+        Arrival(
+            number=n, time_s=BEGIN_S, item=f"item{n + 1}", x_m=2, y_m=2, fallen=fallen if n == 0 else None
+        )
+        for n in range(3)
+    ]
+    arrivals = [one.model_copy(update=end) for one, end in zip(arrivals, ends, strict=True)]
+    return a_run(tasks=tasks, arrivals=arrivals, things=SITE.items[:3])
+
+
+def test_what_became_of_things_that_nobody_listed_stands_beside_the_paper() -> None:
+    figures = Figures(an_unlisted_run())
+    results = figures.results()
+    assert (results["things_found_by_robots"], results["things_pointed_at"]) == (1, 1)
+    assert (results["things_in_bin"], results["things_class_known"]) == (1, 1)
+    assert (results["things_posted_min_median"], results["things_in_bin_min_median"]) == (15.5, 2.0)
+    assert results["things_scale_off_g_median"] == pytest.approx(1000 * 0.31 / 9.81 - 30, abs=1e-3)
+    assert "2 of 3 arrivals were posted" in figures.problems(3)
+    text = markdown(figures, SITE, {}, [])
+    assert "| Posted by a person | 51, on a web page | – | 1 |" in text
+    assert "| item1, metal can | 30 | 1 | 1 | 0 | 0 | 1 | metal 1 | 32 to 32 |" in text
+    assert "| item3, paper crumpled | 30 | 1 | 0 | 0 | 1 | 0 |  |  |" in text
+    assert "a person posts its place" in text
+
+
+def test_a_report_of_listed_items_says_nothing_of_things() -> None:
+    assert not [name for name in Figures(a_run()).results() if name.startswith("things")]
+    text = markdown(Figures(a_run()), SITE, {}, [])
+    assert "nobody listed" not in text
+    assert "hears of it at once" in text
+
+
 def test_a_report_without_a_calibrated_run_says_nothing_of_one() -> None:
     text = markdown(Figures(a_run()), SITE, {}, [])
     assert "| Charges paid | 8 | 8 | 1 |\n" in text
     assert "calibrated" not in text.partition("## Parameters")[0]
+
+
+def test_each_thing_is_a_row_of_a_table(tmp_path: Path) -> None:
+    figures = Figures(an_unlisted_run())
+    assert SITE.experiment is not None
+    write_tables(figures, SITE.experiment, tmp_path)
+    with (tmp_path / "things.csv").open() as file:
+        rows = [(one["found_by"], one["end"], one["bins_class"]) for one in csv.DictReader(file)]
+    assert rows == [("panther1", "accepted", "metal"), ("", "accepted", ""), ("", "never posted", "")]
 
 
 def test_the_report_holds_everything_that_it_shows(tmp_path: Path) -> None:

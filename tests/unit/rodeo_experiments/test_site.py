@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rodeo.kinds import kinds_of
 from rodeo.lab.config import Pose2
 from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
@@ -85,6 +86,21 @@ def test_the_calibrated_run_differs_by_base_load_and_pace_alone(tmp_path: Path) 
     assert theirs.model_copy(update={"battery": ours.battery, "limits": ours.limits}) == ours
     same = ("clock", "agent", "experiment", "items", "economy", "kinds", "docks", "lab")
     assert {name: getattr(site, name) for name in same} == {name: getattr(usual, name) for name in same}
+
+
+def test_nothing_that_people_leave_is_listed_and_all_else_that_differs_is_in_the_site_file(
+    tmp_path: Path,
+) -> None:
+    usual, site = Site.load(PAPER), Site.load(write_site(PAPER, tmp_path / "run", Variation(unlisted=True)))
+    assert (site.items, site.things) == ([], usual.items)
+    assert usual.experiment is not None
+    agent = usual.agent.model_copy(update=usual.experiment.unlisted["agent"])
+    assert site.agent == agent != usual.agent
+    same = ("clock", "experiment", "robots", "economy", "kinds", "docks", "lab")
+    assert {name: getattr(site, name) for name in same} == {name: getattr(usual, name) for name in same}
+    # An auditor that this command plays would only say again what the oracle proposes.
+    (kind,) = (one for one in site.kinds if one.name == usual.experiment.kind)
+    assert kind.oracle_below_iec > kinds_of(site)[kind.name].price_iec
 
 
 def test_a_site_that_names_no_calibrated_base_load_is_refused(tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ from rodeo_experiments.study_report import Found, interval, write_study
 from tests.unit.rodeo_experiments.test_results import a_run
 
 
-def asked(seed: int = 1, **changes: Any) -> Asked:
-    return Asked.of(PAPER, Variation(seed=seed, days=1), changes, "")
+def asked(seed: int = 1, unlisted: bool = False, **changes: Any) -> Asked:
+    return Asked.of(PAPER, Variation(seed=seed, days=1, unlisted=unlisted), changes, "")
 
 
 def a_record(tmp_path: Path, seed: int) -> Run:
@@ -68,8 +68,13 @@ def test_each_combination_of_values_is_a_setting() -> None:
 
 def test_the_same_run_has_the_same_key_wherever_it_is_asked_for() -> None:
     assert asked().job.key == asked().job.key
-    others = [asked(seed=2), asked(**{"agent.charge_below": 0.4}), asked().model_copy(update={"times_s": []})]
-    assert len({asked().job.key, *(one.job.key for one in others)}) == 4
+    others = [
+        asked(seed=2),
+        asked(**{"agent.charge_below": 0.4}),
+        asked(unlisted=True),
+        asked().model_copy(update={"times_s": []}),
+    ]
+    assert len({asked().job.key, *(one.job.key for one in others)}) == 5
 
 
 def test_a_setting_changes_each_table_of_a_list() -> None:
@@ -92,9 +97,13 @@ def test_a_worker_with_other_code_refuses_the_run_by_name(tmp_path: Path) -> Non
 def test_a_record_answers_its_own_run_only(tmp_path: Path) -> None:
     runs, answer = Runs(tmp_path), packed(a_record(tmp_path, 1))
     runs.check(asked(seed=1).job, answer)
-    with pytest.raises(BadAnswer, match="of another run") as refused:
-        runs.check(asked(seed=2).job, answer)
-    assert refused.value.details["differ"] == "clock"
+    for other, differ in (
+        (asked(seed=2), "clock"),
+        (asked(unlisted=True), "agent.explore_min_per_h, items, things"),
+    ):
+        with pytest.raises(BadAnswer, match="of another run") as refused:
+            runs.check(other.job, answer)
+        assert refused.value.details["differ"] == differ
 
 
 @pytest.mark.parametrize(
