@@ -46,7 +46,13 @@ ArrivalsOption = Annotated[
 ]
 UnlistedOption = Annotated[
     bool,
-    typer.Option("--unlisted", help="List nothing: robots find what people leave, or people point at it."),
+    typer.Option(
+        "--unlisted",
+        help="List nothing: robots that explore find what people leave, or a person posts its place.",
+    ),
+]
+ResumeOption = Annotated[
+    bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
 ]
 PaceOption = Annotated[
     Literal["site", "paper"], typer.Option(help="Speed limits of the site file, or slower ones.")
@@ -78,9 +84,7 @@ def paper(
     chain: Annotated[Literal["eth-tester", "anvil"] | None, typer.Option(help="The local chain.")] = None,
     pace: PaceOption = "site",
     unlisted: UnlistedOption = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
-    ] = False,
+    resume: ResumeOption = False,
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Number of seeds to run.")] = 1,
     changes: ChangesOption = None,
     calibrated: CalibratedOption = None,
@@ -96,9 +100,6 @@ def paper(
     With --seeds or --set, each run is a job: it is kept once it is done, and not run again. The report shows
     the medians of all seeds with their intervals, for each setting.
 
-    With --unlisted nothing that people leave is an item of the site. Robots that explore find it, or a person
-    posts its place.
-
     Exit status 0 only if every arrival was posted, every task is over and the supply of IEC was conserved.
     """
     from rodeo_cli.study import Study
@@ -106,15 +107,7 @@ def paper(
 
     _need_matplotlib()
     stop_on_signals()
-    vary = Variation(
-        seed=seed,
-        days=days,
-        robots=robots,
-        tariff=tariff,
-        chain=chain,
-        slow=pace == "paper",
-        unlisted=unlisted,
-    )
+    vary = Variation(seed, days, robots, tariff, chain, slow=pace == "paper", unlisted=unlisted)
     studied = seeds > 1 or bool(changes)
     if pool and not studied:
         raise InvalidRequest("a pool does the runs of a study: use --seeds or --set", pool=pool)

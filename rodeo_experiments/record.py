@@ -76,7 +76,7 @@ class Arrival(BaseModel):
     found_by: str | None = None
     """The robot that found it; None if a person pointed at it."""
     fallen: Fallen | None = None
-    """Of a paid cleaning, by its proof."""
+    """What the proof of a paid cleaning holds."""
 
 
 class Run(BaseModel):

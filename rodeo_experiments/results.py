@@ -285,21 +285,8 @@ class Figures:
             "seed": run.seed,
         }
         if run.things:
-            found |= self._unlisted()
+            found |= _of_things(self.unlisted)
         return {name: _plain(value) for name, value in found.items()}
-
-    def _unlisted(self) -> dict[str, Value]:
-        """What became of the things that nobody listed."""
-        every = self.unlisted
-        return {
-            "things_found_by_robots": len(every.found),
-            "things_pointed_at": len(every.pointed),
-            "things_in_bin": len(every.fallen),
-            "things_class_known": sum(one.is_known for one in every.fallen),
-            "things_scale_off_g_median": median(one.off_g for one in every.fallen),
-            "things_posted_min_median": median(one.posted_min for one in (*every.found, *every.pointed)),
-            "things_in_bin_min_median": median(one.in_bin_min for one in every.fallen),
-        }
 
     def problems(self, arrivals: int) -> list[str]:
         """Why this run is no success; empty when it is one."""
@@ -317,6 +304,18 @@ class Figures:
 
 _ON_W = 10.0
 """A robot that is on draws more than this, one that is off less."""
+
+
+def _of_things(every: Unlisted) -> dict[str, Value]:
+    return {
+        "things_found_by_robots": len(every.found),
+        "things_pointed_at": len(every.pointed),
+        "things_in_bin": len(every.fallen),
+        "things_class_known": sum(one.is_known for one in every.fallen),
+        "things_scale_off_g_median": median(one.off_g for one in every.fallen),
+        "things_posted_min_median": median(one.posted_min for one in (*every.found, *every.pointed)),
+        "things_in_bin_min_median": median(one.in_bin_min for one in every.fallen),
+    }
 
 
 def step_of(transaction: Transaction) -> str:

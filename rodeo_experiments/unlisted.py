@@ -51,13 +51,13 @@ class Left:
 
     @property
     def scale_g(self) -> float:
-        """What the bin's scale showed."""
+        """Mass by the bin's scale."""
         assert self.arrival.fallen is not None
         return self.arrival.fallen.weight_n / _G_M_S2 * 1000
 
     @property
     def off_g(self) -> float:
-        """What that is off the thing's mass."""
+        """The scale's error."""
         return abs(self.scale_g - self.thing.mass_kg * 1000)
 
     @property
@@ -84,17 +84,17 @@ class Unlisted:
 
     @property
     def found(self) -> list[Left]:
-        """By robots."""
+        """Those that robots found."""
         return [one for one in self.left if one.arrival.found_by is not None]
 
     @property
     def pointed(self) -> list[Left]:
-        """Those at which a person pointed."""
+        """Those that a person posted."""
         return [one for one in self.left if one.task is not None and one.arrival.found_by is None]
 
     @property
     def fallen(self) -> list[Left]:
-        """In the bin."""
+        """Those in the bin."""
         return [one for one in self.left if one.arrival.fallen is not None]
 
     def rows(self) -> Iterator[tuple[str, ...]]:
