@@ -12,6 +12,7 @@
     a participant's nodes  ask the ROS 2 services of that participant, serve its `do_task`, and open what
                            every node does; as a robot's mind they also do what a mind may, but for stopping
                            the body: the robot's recorder takes the orders
+    a robot's eyes         its mind reports what lies on the floor, and operator and console say what it is
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
 What the rules do not allow is denied.
@@ -23,6 +24,7 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
+from rodeo.bus.seen import GONE, REPORT, SAY
 from rodeo.commands import COMMANDS
 from rodeo.commands.people import PEOPLE
 from rodeo.dao import ORGANIZATION
@@ -179,6 +181,10 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
             for participant, command in _commands_of(site, process):
                 yield topics.COMMAND.name(org=site.org, participant=participant, command=command)
             continue
+        if topic is topics.SIGHT:
+            for who, act in _sights_of(site, process):
+                yield topic.name(org=site.org, who=who, act=act)
+            continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
         caller = _CALLERS.get(topic.key, _job(process))
         of_mind = caller == AGENT and topic.writer == RECORDER
@@ -194,6 +200,14 @@ def _commands_of(site: Site, process: str) -> Iterator[tuple[str, str]]:
     if process == OPERATOR:
         elsewhere = [one.name for one in site.participants if one.address is not None]
         yield from itertools.product(elsewhere, _SIGNS_ITSELF)
+
+
+def _sights_of(site: Site, process: str) -> Iterator[tuple[str, str]]:
+    """In whose name the process tells of things on the floor, and what: a mind in its robot's."""
+    if process in PEOPLE:
+        yield "*", SAY
+    elif _job(process) == AGENT:
+        yield from itertools.product(_own(site, process, "robot"), (REPORT, GONE))
 
 
 def _wallets_of(site: Site, process: str) -> list[str]:

@@ -69,6 +69,9 @@ FORMATS = {
 PHOTO = r"^[0-9a-f]{64}\.(jpg|png)$"
 """A photo's name in the store (`rodeo.person.photos`)."""
 
+SAME_PLACE_M = 0.25
+"""What two people or robots see nearer together than this, m, is taken for one thing."""
+
 Judge = Literal["oracle", "auditor"]
 Doubt = Callable[[Mapping[str, Any], Sequence[Task]], str]
 """Why a task with these parameters can probably not be done, judging by the tasks that name its subject, the

@@ -30,6 +30,7 @@ from rodeo.bus.messages import (
     Task,
     Vote,
 )
+from rodeo.bus.seen import Saying, SeenId, Sighting
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.declare import example_of
 from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, PREPARE, SIGN, SIGNED, VOTE
@@ -104,6 +105,15 @@ _HEADER = {
 _BIN = {"device": "itrash", "claimants": [_CLAIMANT]}
 _FELL = {"compartment": "yellow", "weight_n": 0.294, "after_s": 1795320120.4, "settled_s": 1795320121.1}
 _CHARGE = {"task_id": 8, "attempt": 1, "recording": DIGEST, "begin_wh": 12345.0, "register_wh": 12347.5}
+
+_SIGHTING = {
+    "kind": "window_cleaning",
+    "x_m": 3.2,
+    "y_m": 1.4,
+    "size_m": [0.12, 0.07, 0.07],
+    "photo": f"{DIGEST[2:]}.jpg",
+}
+_SAID = {"who": "olivia", "what": "metal", "said_s": 1795320100.0}
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     Attestation: {"payload": {"type": "bin.removal"}, "signer": ADDRESS, "signature": "0x" + "5b" * 65},
@@ -256,6 +266,20 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "report_uri": "https://store.example/" + "4c" * 32 + ".json",
         "signature": "0x" + "5b" * 64,
     },
+    Sighting: _SIGHTING,
+    SeenId: {"id": 3},
+    Saying: {"id": 3, "what": "metal"},
+    queries.Said: _SAID,
+    queries.SeenThing: {
+        "id": 3,
+        **_SIGHTING,
+        "robot": "panther1",
+        "first_s": 1795320000.0,
+        "last_s": 1795320100.0,
+        "state": "open",
+        "task_id": None,
+        "said": [_SAID],
+    },
     Status: {
         "process": "itrash",
         "pid": 4711,
@@ -287,6 +311,7 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "transfers": {"account": "panther1", "limit": 10},
     "transactions": {"task_id": 7},
     "history": {"bucket_s": 3600},
+    "seen": {"state": "open"},
     "roots": {"limit": 10},
     "events": {"after": 31},
 }
@@ -408,6 +433,13 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
         "`attempt`, `activity`, `driven_km`, `working_w` and, if they are known, `progress`, `eta_s`, "
         "`soc` and `docked`.",
         (),
+    ),
+    (
+        "What robots see on the floor",
+        f"`{topics.SIGHT.key}`: a robot sends a Sighting to `report` and a SeenId to `gone`, both in its own "
+        "name, and a person a Saying to `say`. The answer is the SeenThing. The bridge also publishes it, on "
+        f"`{topics.SEEN.key}`, when it changes.",
+        (Sighting, SeenId, Saying, queries.SeenThing, queries.Said),
     ),
     (
         "Heartbeats",

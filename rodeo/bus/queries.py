@@ -123,6 +123,15 @@ class ProposalFilters(Message):
     offset: Id = 0
 
 
+class SeenFilters(Message):
+    """Parameters of `state/seen`."""
+
+    state: Annotated[str, StringConstraints(pattern=r"^[a-z]+(,[a-z]+)*$", max_length=100)] = "open,posted"
+    """One or more states, separated by commas."""
+    limit: Limit = 100
+    offset: Id = 0
+
+
 class Account(Message):
     """Parameter of `state/wallet`."""
 
@@ -132,6 +141,9 @@ class Account(Message):
 class Nothing(Message):
     """No parameters."""
 
+
+Word = Literal["confirmed", "dismissed", "cardboard", "glass", "metal", "paper", "plastic", "trash"]
+"""What a person says of a seen thing: that a robot should take it, that it is nothing, or its class."""
 
 # -- answers -------------------------------------------------------------------------------------------------
 
@@ -622,6 +634,49 @@ class Chain(Answer):
     """Prefixes of the URIs that a proof may have."""
 
 
+class Said(Answer):
+    """What a person said of a seen thing."""
+
+    who: str
+    what: Word
+    said_s: Instant
+    """Site time."""
+
+
+class SeenThing(Answer):
+    """Something that a robot saw on the floor and that no site file lists."""
+
+    id: int
+    kind: str
+    """Kind of work that would take it away."""
+    x_m: float
+    y_m: float
+    """Its place in the map."""
+    size_m: list[float]
+    """Its extents."""
+    photo: str
+    """Name of the robot's picture of it in the site's store."""
+    robot: str
+    """The robot that saw it first."""
+    first_s: Instant
+    """Site time at which it was reported first."""
+    last_s: Instant
+    """The same of the last time."""
+    state: Literal["open", "posted", "dismissed", "gone"]
+    """`open` until somebody posts a task about it, or says that it is nothing. `gone`: its task is over, or a
+    robot saw that nothing is there any more."""
+    task_id: int | None = None
+    """The task about it."""
+    said: list[Said] = []
+    """The last word of each person."""
+
+
+class SeenThings(Answer):
+    things: list[SeenThing]
+    """The newest first."""
+    total: int
+
+
 class Events(Answer):
     events: list[DaoEvent]
     last_seq: int
@@ -665,6 +720,7 @@ PROPOSALS = Query(
 BUDGET_VOTES = Query(
     "budget_votes", BudgetVoteFilters, BudgetVotes, "money that members split by votes, the newest first"
 )
+SEEN = Query("seen", SeenFilters, SeenThings, "what robots have seen on the floor, the newest first")
 CHAIN = Query("chain", Nothing, Chain, "the chain, and the newest block in the index")
 EVENTS = Query("events", EventRange, Events, "events after a number, each as a DaoEvent below")
 

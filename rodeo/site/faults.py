@@ -48,6 +48,7 @@ def faults(site: SiteFile) -> dict[Place, str]:
         _names,
         _wallets,
         _bridges,
+        _seen,
         lambda one: minds.faults(one.robots, one.participants, one.clock.speed),
         lambda one: ros_names.faults(one.org, one.ros, one.robots, one.participants, [*one.bins, *one.docks]),
         _interfaces,
@@ -176,6 +177,21 @@ def _bridges(site: SiteFile) -> Iterator[tuple[Place, str]]:
             holders.setdefault(name, one.name)
         if not site.oracles and {"organization", ORACLE} <= set(managed):
             yield place, ONE_HOST.format(one.name)
+
+
+def _seen(site: SiteFile) -> Iterator[tuple[Place, str]]:
+    """A wallet that posts what robots see is here, no robot's, and has a limit for a day."""
+    doing = {one.name: one.kinds or () for one in site.participants if one.address is None}
+    for number, kind in enumerate(site.kinds):
+        if (name := kind.post_seen_as) is None:
+            continue
+        place: Place = ("kinds", number, "post_seen_as")
+        if name not in ("organization", *doing) or name not in bridge_wallets(site)[BRIDGE]:
+            yield place, f"the site's own bridge has no wallet of a participant {name}, who is no robot"
+        elif kind.name in doing.get(name, ()):
+            yield place, f"{name} does {kind.name} itself: nobody pays himself for what he found"
+        elif (limits := site.bridge.limits.get(name)) is None or limits.daily_iec is None:
+            yield place, f"robots would spend all that {name} has: set bridge.limits.{name}.daily_iec"
 
 
 ONE_HOST = (

@@ -628,6 +628,10 @@ class KindConfig(_Table):
     cleaning of a place. At this price and above auditors decide about it. It is no part of the kind's rules:
     all oracles of an organization have the same, as of the lab."""
 
+    post_seen_as: str | None = None
+    """Participant whose wallet posts a task about each thing that a robot sees, without a person, at
+    `price_iec`. What it spends in a day is its `daily_iec` in [bridge.limits]. By default people post."""
+
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:
         if self.judge is not None and self.models_sha256:

@@ -449,6 +449,21 @@ STATE = _dao(
 EVENT = _dao(
     "rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "each contract event, in chain order"
 )
+SIGHT = _dao(
+    "rodeo/{org}/sight/{who}/{act}",
+    "per query",
+    Form.QUERY,
+    "bridge",
+    "a robot reports something on the floor or that it is gone (report, gone), and a person says what it is "
+    "(say)",
+)
+SEEN = _dao(
+    "rodeo/{org}/seen/{thing}",
+    "SeenThing",
+    Form.TOPIC,
+    "bridge",
+    "a thing that a robot saw on the floor, when something about it changes",
+)
 VOTE = _dao(
     "rodeo/{org}/vote/{judge}",
     "SealedVote",

@@ -12,6 +12,7 @@ from eth_account.signers.local import LocalAccount
 from prometheus_client import Gauge
 
 from rodeo.bus.messages import DaoEvent
+from rodeo.bus.queries import SeenThing
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.node.errors import DeploymentMismatch
@@ -32,6 +33,7 @@ from services.bridge.names import Names
 from services.bridge.node import Node
 from services.bridge.queries import Queries
 from services.bridge.readiness import Probe
+from services.bridge.seen import SeenThings
 from services.bridge.transactions import Transactions
 from services.bridge.wallet import Wallet
 
@@ -54,6 +56,7 @@ class Attachment:
     continuity: Continuity
     handback: HandBack
     probe: Probe
+    seen: SeenThings
     compared: bool = False
     """Whether the index was compared with the contracts since it was opened or rebuilt."""
     made_anew: bool = False
@@ -73,6 +76,7 @@ class Opener:
         publish: called for each event; returns whether it was published.
         on_indexed: called after each block, before callers that wait for its transactions continue.
         on_sent: called after each transaction.
+        on_seen: called with each thing that a robot has seen, when it changes.
     """
 
     def __init__(
@@ -82,10 +86,11 @@ class Opener:
         publish: Callable[[DaoEvent], bool],
         on_indexed: Callable[[], None],
         on_sent: Callable[[], None],
+        on_seen: Callable[[SeenThing], None],
     ) -> None:
         self._process, self._site, self._config = process, process.site, process.site.bridge
         self._names, self._publish = names, publish
-        self._on_indexed, self._on_sent = on_indexed, on_sent
+        self._on_indexed, self._on_sent, self._on_seen = on_indexed, on_sent, on_seen
         self.accounts: dict[str, LocalAccount] = {}
         self.attachment: Attachment | None = None
 
@@ -148,15 +153,19 @@ class Opener:
             on_undone=transactions.outcomes.undone,
             grace_s=BEHIND_GRACE_S if site.chain.backend == "external" else 0.0,
         )
+        seen = SeenThings(
+            folder / "seen", site, kinds_of(site), index.tasks, self._process.clock, self._on_seen
+        )
         opened = Attachment(
             chain=held,
             follower=follower,
             transactions=transactions,
-            queries=Queries(held, names, client, site.chain.url, store.urls),
+            queries=Queries(held, names, client, site.chain.url, store.urls, {"seen": seen.answer}),
             wallets=self._wallets(held, names, transactions, store),
             continuity=Continuity(journal, node, addresses, deployment.sent),
             handback=HandBack(held, names, self.accounts),
             probe=Probe(held, addresses, transactions.outcomes),
+            seen=seen,
         )
         self._measure(opened)
         transactions.start()

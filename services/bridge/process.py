@@ -16,7 +16,8 @@ from prometheus_client import Counter, Histogram
 from sqlalchemy.exc import DBAPIError
 
 from rodeo.bus.messages import DaoEvent
-from rodeo.bus.session import Request
+from rodeo.bus.queries import SeenThing
+from rodeo.bus.session import Request, encode
 from rodeo.chain.node.errors import (
     ChainError,
     ChainUnavailable,
@@ -99,6 +100,7 @@ class Bridge:
             self._publish if self._public else lambda _event: True,
             lambda: self._ends.changed(),
             lambda: self._heads.wake(),
+            lambda thing: self._tell_of(thing),
         )
         self._ends = Ends(
             process,
@@ -235,6 +237,8 @@ class Bridge:
         """Publish the event; whether that succeeded: without a router it would be lost."""
         if not self._process.bus.connected:
             return False
+        if (attachment := self._opener.attachment) is not None:
+            attachment.seen.heard(event)
         self._process.bus.put_json(topics.EVENT.name(org=self._site.org, event=event.name), event)
         EVENTS.labels(event.name).inc()
         return True
@@ -257,6 +261,7 @@ class Bridge:
         bus, org = self._process.bus, self._site.org
         if self._public:
             bus.serve(topics.STATE.pattern(org=org), self._answer)
+            bus.serve(topics.SIGHT.pattern(org=org), self._see)
 
         def checker(key: str) -> ThreadPoolExecutor | None:
             return self._threads.get(_command_of(key)[0])
@@ -298,6 +303,21 @@ class Bridge:
                 reply.add_done_callback(lambda _done: held.close())
         return reply
 
+    def _see(self, request: Request) -> dict[str, Any]:
+        """What a robot or a person tells of something on the floor."""
+        parts = topics.SIGHT.parts(request.key) or {}
+        seen = self._attached().seen
+        thing = seen.act(parts.get("who", ""), parts.get("act", ""), request.json())
+        if (post := seen.posting(thing)) is not None:
+            name, command = post
+            key = topics.COMMAND.name(org=self._site.org, participant=name, command=command.declared.name)
+            posted = self._threads[name].submit(self._execute, Request(key, {}, encode(command)))
+            posted.add_done_callback(_log_unforeseen)
+        return thing.model_dump(mode="json")
+
+    def _tell_of(self, thing: SeenThing) -> None:
+        self._process.bus.put_json(topics.SEEN.name(org=self._site.org, thing=str(thing.id)), thing)
+
     def _note_strangers(self, attachment: Attachment) -> None:
         """Transactions of our wallets that others have sent."""
         block, now_s = attachment.chain.index.position.block, time.monotonic()
@@ -311,6 +331,12 @@ def _command_of(key: str) -> tuple[str, str]:
     # A key that ends with its participant names a command that nobody knows.
     parts = topics.COMMAND.parts(key) or topics.COMMAND.parts(f"{key}/-") or {}
     return parts.get("participant", ""), parts.get("command", "")
+
+
+def _log_unforeseen(posted: Future[Any]) -> None:
+    # What the bridge refuses, as a task beyond the day's limit, is logged as every refusal is.
+    if (error := posted.exception()) is not None and not isinstance(error, RodeoError):
+        log.error("posting a seen thing failed", exc_info=error)
 
 
 @dataclass

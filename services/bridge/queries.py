@@ -34,6 +34,9 @@ from services.bridge.reading import Page
 MAX_BUCKETS = 2_000
 
 
+Answering = Callable[[Request], Json]
+
+
 class _States(Message):
     states: list[TaskState]
 
@@ -41,8 +44,17 @@ class _States(Message):
 class Queries:
     """Answers questions about the organization."""
 
-    def __init__(self, chain: Chain, names: Names, client: ChainClient, url: str, stores: list[str]) -> None:
-        """`stores` are the prefixes of the URIs that a proof may have."""
+    def __init__(
+        self,
+        chain: Chain,
+        names: Names,
+        client: ChainClient,
+        url: str,
+        stores: list[str],
+        others: Mapping[str, Answering] = {},
+    ) -> None:
+        """`stores` are the prefixes of the URIs that a proof may have; `others` answer what is not on the
+        chain."""
         self._index = chain.index
         self._names = names
         self._deployment = chain.deployment
@@ -52,7 +64,7 @@ class Queries:
         self._node = chain.node
         self._url = url
         self._stores = stores
-        self._table: Mapping[str, Callable[[Request], Json]] = {
+        self._table: Mapping[str, Answering] = {
             "tasks": self._tasks,
             "services": self._services,
             "participants": self._participants,
@@ -66,6 +78,7 @@ class Queries:
             **OrganizationQueries(chain, names, client, self._balances).table(),
             "chain": self._chain,
             "events": self._events,
+            **others,
         }
 
     def answer(self, what: str, request: Request) -> Json:

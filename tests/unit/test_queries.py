@@ -83,4 +83,4 @@ def test_a_command_whose_answer_is_no_transaction_is_a_malformed_answer() -> Non
 
 def test_every_question_of_the_table_has_a_model_of_its_own() -> None:
     models = [query.answer for query in queries.QUERIES.values()]
-    assert len(set(models)) == len(models) == 16
+    assert len(set(models)) == len(models) == 17

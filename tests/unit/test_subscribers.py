@@ -173,6 +173,11 @@ ROWS: dict[Call, str] = {
     (
         "services/bridge/process.py",
         "Bridge._serve",
+        "bus.serve(topics.SIGHT.pattern(org=org))",
+    ): "the robot or the person that the key names: the access rules let its process speak for it",
+    (
+        "services/bridge/process.py",
+        "Bridge._serve",
         "bus.serve(topics.COMMAND.pattern(org=org))",
     ): "the participant that the key names: the access rules let its process command it",
     (
