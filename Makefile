@@ -60,7 +60,7 @@ lab: $(DEV)  ## a lab without the simulator, on loopback: its devices speak NatN
 # Python's and the contracts' tests side by side, and one line at the end.
 TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS) $(if $(MINUTES),--minutes $(MINUTES))
 
-test: $(DEV) node-packages  ## everything that checks the project, but for what takes minutes
+test: $(DEV) node-packages  ## everything that checks the project, but for what takes longest
 	@$(TESTS)
 
 test-contracts: $(DEV) node_modules/.stamp

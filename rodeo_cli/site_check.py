@@ -14,7 +14,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from rodeo.errors import ConfigError
+from rodeo.errors import ConfigError, InvalidRequest
 from rodeo.kinds import DEFAULT_PRICE_IEC, NOT_INSTALLED, KindError, declared, installed, load
 from rodeo.lab.config import DockConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import Rectangle, facing, seen_from
@@ -31,7 +31,7 @@ from rodeo.site.config import Site, check_environment, read_tables
 from rodeo.site.faults import ONE_HOST, faults, placed
 from rodeo.site.file import ANSWER_WALL_S
 from rodeo.site.names import BRIDGE, ORACLE, bridge_wallets
-from rodeo.site.providers import SIM, unprovided
+from rodeo.site.providers import SIM, devices, unprovided
 from rodeo.site.sections import STAKE_COVERS, interface_of
 from rodeo.site.tls import openness
 from rodeo.text.site_problems import Place, close, dotted, explained
@@ -98,6 +98,7 @@ def check(path: Path) -> list[Finding]:
             *unprovided(site),
             *_other_units(site),
             *_demo(site),
+            *_unseen(site),
             *_one_host(site),
             *_minds(site),
             *_unaffordable(site),
@@ -201,8 +202,21 @@ def _demo(site: Site) -> Iterator[tuple[Place, str]]:
             yield ("demo", "kind"), f"[[kinds]] does not list {site.demo.kind}{close(site.demo.kind, kinds)}"
         return
     kind = declared(kinds[site.demo.kind])
-    for field, text in kind.problems(site, kind.complete(site, site.demo.params)).items():
+    params = site.demo.params
+    try:
+        params = kind.complete(site, params)
+    except InvalidRequest as error:
+        yield ("demo", "params"), error.message
+    for field, text in kind.problems(site, params).items():
         yield ("demo", "params", field), text
+
+
+def _unseen(site: Site) -> Iterator[tuple[Place, str]]:
+    if site.things and SIM not in {site.clock.source, *(one.source for one in devices(site))}:
+        yield (
+            ("things",),
+            "nobody knows of them: they exist in a simulator only, and nothing here is simulated",
+        )
 
 
 def _one_host(site: Site) -> Iterator[tuple[Place, str]]:

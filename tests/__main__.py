@@ -17,8 +17,6 @@ from tests.support.tally import Tally
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out"
-LONG_MINUTES = 30
-"""What `make test-long` takes on two cores."""
 LONG_CONTRACTS = "Invariants"
 """Whole lives of tasks, cases and proposals, in any order, take minutes."""
 FAST = ("evidence", "robot", "person", "recording", "deploy/chain", "lab", "cli", "tools")
@@ -149,7 +147,7 @@ def main() -> int:
         tally += contracts.wait()
     more = ""
     if not (asked.long or asked.fast or asked.only) and tally.deselected:
-        more = f"; `make test-long` adds {tally.deselected} tests, about {LONG_MINUTES} minutes"
+        more = f"; `make test-long` adds {tally.deselected} tests, which take longer"
     say(f"{tally}{more}")
     return 1 if tally.failed else 0
 

@@ -20,6 +20,7 @@ from tests.support.site import LAB
 
 Said = Callable[[str], list[str]]
 
+REAL = LAB.with_name("reallab.toml")
 HEAD = f"""extends = "{LAB}"
 data_dir = "data"
 """
@@ -286,6 +287,11 @@ DOUBTFUL = [
         "[[bridges]]",
     ),
     (
+        'lab.mocap_gripper = false\ndemo.params = { item_id = "", x_m = 3.0, y_m = 2.0 }\n',
+        4,
+        "demo.params: nobody could prove here what became of something without markers",
+    ),
+    (
         robot("battery = { standby_power_w = 50 }"),
         5,
         "robots.0.battery.standby_power_w: panther1 draws more power switched off (50 W) than idle (45 W)",
@@ -356,6 +362,15 @@ name = "arthur"
 pose = { x_m = 1.4, y_m = 1.3 }
 battery = { capacity_wh = 30, capacity_ah = 0.82 }
 """
+
+
+def test_things_without_markers_are_doubtful_where_nothing_is_simulated(said: Said, tmp_path: Path) -> None:
+    thing = item("thing1", x_m=3.0).replace("items", "things")
+    assert not any("things" in one for one in said(thing))
+    (tmp_path / "real.toml").write_text(f'extends = "{REAL}"\n{thing}')
+    (found,) = check(tmp_path / "real.toml")
+    assert (found.line, found.severity, found.place) == (2, "warning", ("things",))
+    assert "nobody knows of them" in found.text
 
 
 def test_a_meter_whose_steps_hide_what_a_robot_orders_is_doubtful(said: Said) -> None:
