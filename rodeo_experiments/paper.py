@@ -137,6 +137,7 @@ def _unlisted(figures: Figures) -> list[Row]:
         Row("Things that people left", f"{CLEANINGS}", "–", f"{len(every.left)}, none of them listed"),
         Row("Found by a robot", "none told", "–", f"{len(every.found)}"),
         Row("Posted by a person", f"{CLEANINGS}, on a web page", "–", f"{len(every.pointed)}"),
+        Row("Tasks where nothing was left", "none told", "–", f"{every.about_nothing}"),
         Row("In the bin", f"{CLEANINGS}", "–", f"{len(every.fallen)}"),
         Row(
             "From being left to being found by a robot (min)",

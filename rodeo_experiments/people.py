@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +23,7 @@ from rodeo.site.chance import generator
 from rodeo.site.config import Site
 from rodeo.site.sections import ExperimentConfig
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
-from rodeo_experiments.lab import Lab, Point
+from rodeo_experiments.lab import APART_M, Lab, Point
 from rodeo_experiments.progress import Journal
 from rodeo_experiments.record import Arrival, Sent
 
@@ -111,6 +112,14 @@ class Board:
         return paged(
             lambda offset: (
                 self.ask(queries.TASKS, order="oldest", limit=queries.MAX_PAGE, offset=offset).tasks
+            )
+        )
+
+    def seen(self) -> list[queries.SeenThing]:
+        """What robots have found, and what is a task or was one."""
+        return paged(
+            lambda offset: (
+                self.ask(queries.SEEN, state="posted,gone", limit=queries.MAX_PAGE, offset=offset).things
             )
         )
 
@@ -218,7 +227,8 @@ class People:
             self._agenda.at(arrival.time_s + unnoticed_s, partial(self._point, arrival))
 
     def _point(self, arrival: Arrival) -> None:
-        """Somebody posts a task for what lies there, unless there is one."""
+        """Somebody posts a task for what lies there, unless a robot has found it."""
+        self._note_finds()
         if arrival.task_id is not None:
             return
         # Of each thing for itself, so that a run that continues points to the same places.
@@ -228,9 +238,23 @@ class People:
         arrival.task_id = self._post(arrival.number, "Somebody left something here.", params)
         self._journal.save()
 
-    def _lying(self) -> list[Point]:
+    def _note_finds(self) -> None:
+        """What robots have seen and the organization has posted since is what lies there."""
+        known = {arrival.task_id for arrival in self._journal.progress.arrivals}
+        for seen in self._board.seen():
+            if seen.task_id is None or seen.task_id in known:
+                continue
+            for arrival in self._on_floor():
+                away_m = math.dist((seen.x_m, seen.y_m), (arrival.x_m, arrival.y_m))
+                if arrival.task_id is None and away_m < APART_M / 2:  # and so nearer than to anything else
+                    arrival.task_id, arrival.found_by = seen.task_id, seen.robot
+
+    def _on_floor(self) -> list[Arrival]:
         lying = {where for where in self._journal.progress.items.values() if where.isdecimal()}
-        return [(one.x_m, one.y_m) for one in self._journal.progress.arrivals if str(one.number) in lying]
+        return [one for one in self._journal.progress.arrivals if str(one.number) in lying]
+
+    def _lying(self) -> list[Point]:
+        return [(one.x_m, one.y_m) for one in self._on_floor()]
 
     def look(self, name: str, task_id: int) -> None:
         kind = self._board.kind_of(task_id)
@@ -245,6 +269,7 @@ class People:
 
     def ended(self, task_id: int) -> None:
         """The item is in the bin, or a person picks it up."""
+        self._note_finds()
         progress = self._journal.progress
         arrival = next((one for one in progress.arrivals if one.task_id == task_id), None)
         if arrival is None or progress.items[arrival.item] != str(arrival.number):

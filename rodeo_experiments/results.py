@@ -311,6 +311,7 @@ def _of_things(every: Unlisted) -> dict[str, Value]:
         "things_found_by_robots": len(every.found),
         "things_pointed_at": len(every.pointed),
         "things_in_bin": len(every.fallen),
+        "tasks_about_nothing": every.about_nothing,
         "things_class_known": sum(one.is_known for one in every.fallen),
         "things_scale_off_g_median": median(one.off_g for one in every.fallen),
         "things_posted_min_median": median(one.posted_min for one in (*every.found, *every.pointed)),

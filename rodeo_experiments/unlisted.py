@@ -97,6 +97,12 @@ class Unlisted:
         """Those in the bin."""
         return [one for one in self.left if one.arrival.fallen is not None]
 
+    @property
+    def about_nothing(self) -> int:
+        """Tasks about places where nothing was left."""
+        meant = {one.task_id for one in self.run.arrivals}
+        return sum(one.id not in meant for one in self.run.of(self.run.work))
+
     def rows(self) -> Iterator[tuple[str, ...]]:
         """A line for each thing, by COLUMNS."""
         for thing in self.run.things:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, cast
 
+from rodeo.bus.queries import SeenThing
 from rodeo.commands.tasks import RegisterTask
 from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
@@ -30,6 +31,10 @@ class Board:
 
     def __init__(self) -> None:
         self.posted: dict[str | None, RegisterTask] = {}
+        self.found: list[SeenThing] = []
+
+    def seen(self) -> list[SeenThing]:
+        return self.found
 
     def post(self, request: RegisterTask) -> int:
         self.posted.setdefault(request.request_id, request)
@@ -83,6 +88,33 @@ def test_a_person_posts_about_where_a_thing_lies_once_nobody_has_found_it_for_so
     assert "item_id" not in told
     assert 0 < math.dist((told["x_m"], told["y_m"]), PLACE) < 0.25
     assert [one.task_id for one in day.journal.progress.arrivals] == [1]
+
+
+def test_nobody_points_at_what_a_robot_has_found(tmp_path: Path) -> None:
+    day = Day(tmp_path, unlisted=True)
+    left_s = day.clock.s
+    day.people.leave(0, left_s)
+    elsewhere, here = (
+        SeenThing(
+            id=number,
+            kind="waste_disposal",
+            x_m=PLACE[0] + away_m,
+            y_m=PLACE[1],
+            size_m=[0.1, 0.05, 0.05],
+            photo="0" * 64 + ".jpg",
+            robot="panther1",
+            first_s=left_s,
+            last_s=left_s,
+            state="posted",
+            task_id=number,
+        )
+        for number, away_m in ((7, 0.6), (8, 0.03))
+    )
+    day.board.found += [elsewhere, here]
+    day.pass_to(left_s + 31 * 60)
+    assert day.board.posted == {}
+    (arrival,) = day.journal.progress.arrivals
+    assert (arrival.task_id, arrival.found_by) == (8, "panther1")
 
 
 def test_a_run_that_continues_points_to_the_same_place_once(tmp_path: Path) -> None:
