@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-
-from scipy.stats import binom
 
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
@@ -47,7 +46,8 @@ def interval(values: Iterable[float]) -> tuple[float, float] | None:
 
 
 def _misses(k: int, number: int) -> float:
-    return 2 * float(binom.cdf(k - 1, number, 0.5)) if k else 0.0
+    """The probability that fewer than `k` of `number` values are below the median, or above it."""
+    return 2 * sum(math.comb(number, below) for below in range(k)) / 2**number
 
 
 def write_study(found: Sequence[Found], folder: Path) -> None:

@@ -29,6 +29,6 @@ def upper_bound(wrong: int, size: int) -> float:
     """The largest share of wrong verdicts with which a sample of `size` has at most `wrong` of them in one of
     twenty cases (Clopper and Pearson 1934, one-sided): at 95 % the share is no larger."""
     # Imported here: only samples need it.
-    from scipy.stats import beta
+    from scipy.special import betaincinv
 
-    return 1.0 if wrong >= size else float(beta.ppf(CONFIDENCE, wrong + 1, size - wrong))
+    return 1.0 if wrong >= size else float(betaincinv(wrong + 1, size - wrong, CONFIDENCE))

@@ -73,13 +73,13 @@ class Refusal:
 
     def __init__(self, allowed: set[str]) -> None:
         self._allowed = allowed
-        self._distributions = importlib.metadata.packages_distributions()
+        self.distributions = importlib.metadata.packages_distributions()
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         top = name.partition(".")[0]
-        owners = {canonicalize_name(one) for one in self._distributions.get(top, ())}
+        owners = {canonicalize_name(one) for one in self.distributions.get(top, ())}
         if owners and top not in OWN and not owners & self._allowed:
             raise ModuleNotFoundError(f"{name} belongs to {', '.join(sorted(owners))}", name=name)
         return None
@@ -118,4 +118,4 @@ if __name__ == "__main__":
     sys.meta_path.insert(0, refusal)
     import_all(sys.argv[2:])
     imported = {name.partition(".")[0] for name in sys.modules}
-    print(" ".join(sorted(imported & importlib.metadata.packages_distributions().keys())))
+    print(" ".join(sorted(imported & refusal.distributions.keys())))
