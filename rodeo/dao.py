@@ -250,10 +250,12 @@ class Participant:
 
     def doubt(self, kind: Kind | None, params: Mapping[str, Any]) -> str:
         """Reason why a task to be posted can probably not be done; empty if none is known."""
-        subject = params.get(kind.subject) if kind else None
-        if kind is None or not isinstance(subject, str):
+        if kind is None or not kind.subject:
             return ""
-        return kind.doubt(params, self.ask(queries.TASKS, text=subject).tasks)
+        if isinstance(subject := params.get(kind.subject), str) and subject:
+            return kind.doubt(params, self.ask(queries.TASKS, text=subject).tasks)
+        live = self.ask(queries.TASKS, kind=kind.name, state=",".join(LIVE_STATES), limit=queries.MAX_PAGE)
+        return kind.doubt(params, live.tasks)
 
     def ask(self, query: Query[A], **parameters: Any) -> A:
         """The index's answer. Raises MalformedAnswer, too."""

@@ -74,8 +74,8 @@ SAME_PLACE_M = 0.25
 
 Judge = Literal["oracle", "auditor"]
 Doubt = Callable[[Mapping[str, Any], Sequence[Task]], str]
-"""Why a task with these parameters can probably not be done, judging by the tasks that name its subject, the
-newest first; empty if there is no reason."""
+"""Why a task with these parameters can probably not be done, judging by the tasks that name its subject, or
+by those under way where it names none, the newest first; empty if there is no reason."""
 Completion = Callable[[Site, Mapping[str, Any]], dict[str, Any]]
 """Completes the parameters with values that follow from them at a site. Raises InvalidRequest where nobody
 could prove the work there: the bridge then locks no reward for it."""

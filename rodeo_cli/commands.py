@@ -57,6 +57,7 @@ COMMANDS = {
     "ros2": ("ros2:ros2", "Connect a participant's ROS 2 nodes to the site."),
     "mocap": ("mocap:mocap", "Commission motion capture."),
     "bin": ("bins:bins", "Tell a bin what items really were."),
+    "seen": ("seen:seen", "List what robots have seen on the floor, and say what it is."),
     "console": ("accounts:accounts", "Manage the accounts of people who may use the console."),
     "site": (
         "sites:sites",

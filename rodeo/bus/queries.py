@@ -670,6 +670,11 @@ class SeenThing(Answer):
     said: list[Said] = []
     """The last word of each person."""
 
+    @property
+    def request_id(self) -> str:
+        """The ID of a request that posts a task about it: the same wallet posts one."""
+        return f"seen-{self.id}-{self.photo[:16]}"
+
 
 class SeenThings(Answer):
     things: list[SeenThing]

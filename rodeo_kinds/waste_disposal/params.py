@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from rodeo.bus.messages import Task
 from rodeo.charging.orders import Name, Number, shown
 from rodeo.errors import InvalidRequest
-from rodeo.kinds import PHOTO, choose, is_number
+from rodeo.kinds import PHOTO, SAME_PLACE_M, choose, is_number
 from rodeo.lab.layout import BinLayout, furniture_floor
 from rodeo.site.config import Site
 from rodeo.site.sections import interface_of
@@ -39,10 +40,11 @@ class CleaningParams(BaseModel):
 
 
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
-    """Why the item of a new task is probably not at the task's place; empty if nothing suggests that."""
+    """Why a new task is probably about nothing, or about what another one is about; empty if nothing suggests
+    that."""
     item_id = params.get("item_id")
     if not item_id:
-        return ""
+        return _doubt_of_place(params, tasks)
     for task in tasks:
         if task.params.get("item_id") != item_id:
             continue
@@ -54,6 +56,21 @@ def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
                 "again, this task will fail"
             )
     return ""
+
+
+def _doubt_of_place(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
+    if (place := _place(params)) is None:
+        return ""
+    for task in tasks:
+        other = _place(task.params) if task.state in _UNDER_WAY else None
+        if other is not None and (apart_m := math.dist(place, other)) < SAME_PLACE_M:
+            return f"task {task.id}, which is {task.state}, is about what lies {apart_m:.2f} m from there"
+    return ""
+
+
+def _place(params: Mapping[str, Any]) -> tuple[float, float] | None:
+    x_m, y_m = params.get("x_m"), params.get("y_m")
+    return (float(x_m), float(y_m)) if is_number(x_m) and is_number(y_m) else None  # type: ignore[arg-type]
 
 
 def complete(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:

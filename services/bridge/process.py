@@ -7,6 +7,7 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -17,7 +18,7 @@ from sqlalchemy.exc import DBAPIError
 
 from rodeo.bus.messages import DaoEvent
 from rodeo.bus.queries import SeenThing
-from rodeo.bus.session import Request, encode
+from rodeo.bus.session import Request
 from rodeo.chain.node.errors import (
     ChainError,
     ChainUnavailable,
@@ -286,12 +287,18 @@ class Bridge:
         participant, command = _command_of(request.key)
         if participant not in self._threads:
             raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
+        return self._carry_out(participant, command, request.json)
+
+    def _carry_out(
+        self, participant: str, command: str, read: Callable[[], dict[str, Any]]
+    ) -> dict[str, Any] | Future[dict[str, Any]]:
+        """In the participant's thread."""
         asked = _Asked(participant, command if command in KNOWN else "unknown")
         with ExitStack() as working:
             # Held until it is mined and indexed, and its events are on the bus.
             working.enter_context(self._clock.hold())
             try:
-                data = request.json()
+                data = read()
                 asked.about(data)
                 reply = self._attached().wallets[participant].execute(command, data)
             except RodeoError as error:
@@ -310,8 +317,9 @@ class Bridge:
         thing = seen.act(parts.get("who", ""), parts.get("act", ""), request.json())
         if (post := seen.posting(thing)) is not None:
             name, command = post
-            key = topics.COMMAND.name(org=self._site.org, participant=name, command=command.declared.name)
-            posted = self._threads[name].submit(self._execute, Request(key, {}, encode(command)))
+            posted = self._threads[name].submit(
+                self._carry_out, name, command.declared.name, lambda: command.model_dump(mode="json")
+            )
             posted.add_done_callback(_log_unforeseen)
         return thing.model_dump(mode="json")
 

@@ -151,15 +151,14 @@ class SeenThings:
             return None
         size = " x ".join(f"{extent:.2f}" for extent in thing.size_m)
         return name, RegisterTask(
-            # The same again is no second task.
-            request_id=f"seen-{thing.id}-{thing.photo[:16]}",
+            request_id=thing.request_id,
             kind=thing.kind,
             reward_iec=self._kinds[thing.kind].reference_price_iec,
             params=self._params(thing),
             description=f"{thing.robot} saw something of {size} m here.",
         )
 
-    # -- what is told ----------------------------------------------------------------------------------------
+    # -- acts -----------------------------------------------------------------------------------------------
 
     def _report(self, robot: str, seen: Sighting) -> SeenThing:
         now_s = self._clock.now_s()

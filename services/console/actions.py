@@ -18,6 +18,7 @@ from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, create_mo
 from rodeo.access.accounts import MAX_PASSPHRASE, MIN_PASSPHRASE, Accounts, Mark, User, require_participant
 from rodeo.access.roles import Role
 from rodeo.bus.messages import Fault, Id, Message, Payment, Ruling
+from rodeo.bus.seen import Saying, Seen
 from rodeo.bus.session import Bus, validate
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.tasks import RegisterTask
@@ -265,6 +266,11 @@ def _judge(actions: Actions, user: User, request: Judge) -> Json:
     return {"task_id": request.task_id, "ruling": request.ruling}
 
 
+def _say_of_seen(actions: Actions, user: User, request: Saying) -> Json:
+    seen = Seen(actions.bus, actions.site.org, user.name)
+    return seen.say(request.id, request.what).model_dump(mode="json")
+
+
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
     require_participant(actions.site, request.roles, request.participant)
     actions.accounts.add_user(request.name, request.passphrase, request.roles, request.participant)
@@ -346,6 +352,8 @@ _TABLE = (
     Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
     Action("judge", "Rule on a proof that waits for an auditor", Judge, _AUDITOR, _judge),
+    Action("say_of_seen", "Say what something is that a robot has seen on the floor", Saying, _OPERATOR,
+           _say_of_seen),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

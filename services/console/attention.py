@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from rodeo.access.accounts import User
 from rodeo.access.roles import Role
 from rodeo.bus.queries import Committee, Organization
-from rodeo.display.formatting import iec, kind, process
+from rodeo.display.formatting import count, iec, kind, process
 from rodeo.site.config import Site
 from rodeo.site.names import robot_process
 from rodeo.text.strict_json import Json
@@ -121,7 +121,14 @@ def _balances(seen: Seen) -> Iterator[Need]:
         yield Need(f"Judges whose stake is too low to judge: {', '.join(short)}", "/services")
 
 
-_FINDERS = (_processes, _tasks, _proposals, _balances)
+def _things(seen: Seen) -> Iterator[Need]:
+    """Things on the floor of which nobody has said whether a robot should take them."""
+    waiting = [one for one in seen.summary.seen if one.state == "open"]
+    if waiting and seen.user.has(Role.OPERATOR):
+        yield Need(f"Robots have seen {count(len(waiting), 'thing')} on the floor", "#seen")
+
+
+_FINDERS = (_processes, _tasks, _things, _proposals, _balances)
 
 
 @dataclass(frozen=True)

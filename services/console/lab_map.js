@@ -101,7 +101,7 @@ export default {
       for (const bin of this.lab.bins) this.drawBin(this.camera, bin);
       for (const place of this.lab.places) this.drawPlace(this.camera, place);
       // Robots under items, which they carry, and every name on top.
-      [this.lines, this.bodies, this.things, this.names] = [0, 1, 2, 3].map(() => node("g", {}, this.camera));
+      [this.found, this.lines, this.bodies, this.lying, this.names] = [0, 1, 2, 3, 4].map(() => node("g", {}, this.camera));
       this.marker = node("g", { class: "marker", visibility: "hidden" }, this.camera);
       node("circle", { r: 0.13 }, this.marker);
       node("path", { d: "M-0.24 0H0.24M0-0.24V0.24" }, this.marker);
@@ -211,7 +211,7 @@ export default {
         let drawn = this.items[id];
         if (!drawn) {
           const kind = this.lab.items[id] ?? "trash";
-          const group = node("g", { class: `item moving ${kind}` }, this.things);
+          const group = node("g", { class: `item moving ${kind}` }, this.lying);
           node("circle", { r: 0.09 }, group);
           node("text", { y: 0.24 }, group, id);
           node("title", {}, group, `${id}: ${kind}`);
@@ -327,6 +327,17 @@ export default {
 
     onUp() {
       this.held = null;
+    },
+
+    // What robots have seen on the floor: [{id, x, y}].
+    things(some) {
+      this.found.replaceChildren();
+      for (const { id, x, y } of some) {
+        const group = node("g", { class: "item seen", transform: `translate(${x} ${-y})` }, this.found);
+        node("path", { d: "M0-0.12L0.12 0L0 0.12L-0.12 0Z" }, group);
+        node("text", { y: 0.27 }, group, `seen ${id}`);
+        node("title", {}, group, `Thing ${id}, which a robot has seen`);
+      }
     },
 
     // Where a task wants the robot to go; null takes the marker away.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
+from rodeo.bus.queries import SeenThing
 from rodeo.text.strict_json import Json
 
 MARGIN_M = 0.35
@@ -32,6 +33,10 @@ class LabMap(ui.element, component="lab_map.js"):
     def show(self, state: Json) -> None:
         """Move robots and items to where `Live.map` says, unless a recording is shown."""
         self.run_method("live", state)
+
+    def show_things(self, things: list[SeenThing]) -> None:
+        """Show what robots have seen on the floor."""
+        self.run_method("things", [{"id": one.id, "x": one.x_m, "y": one.y_m} for one in things])
 
     def mark_place(self, place: tuple[float, float] | None) -> None:
         self.run_method("mark", None if place is None else list(place))

@@ -133,6 +133,8 @@ class Summary:
     cases: list[Task] = field(default_factory=list)
     """Submitted and ruled tasks, the oldest first."""
     proposals: list[queries.Proposal] = field(default_factory=list)
+    seen: list[queries.SeenThing] = field(default_factory=list)
+    """What robots have seen on the floor and is neither dismissed nor gone."""
     organization: queries.Organization | None = None
     supply_iec: Decimal = Decimal(0)
 
@@ -173,6 +175,7 @@ class Live:
         self._loop = asyncio.get_running_loop()
         self._notify_processes()
         subscriber = self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self._on_status)
+        seen = self._bus.subscribe_bytes(topics.SEEN.pattern(org=self._site.org), self._on_seen)
         dao = DaoEvents(self._bus, self._site.org, self._on_event)
         try:
             async with asyncio.TaskGroup() as group:
@@ -182,6 +185,7 @@ class Live:
         finally:
             self._unsubscribe()
             subscriber.undeclare()
+            seen.undeclare()
             await asyncio.to_thread(dao.close)
 
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
@@ -235,6 +239,9 @@ class Live:
 
     def _on_event(self, event: DaoEvent) -> None:
         self._loop.call_soon_threadsafe(self._take_event, event)
+
+    def _on_seen(self, _key: str, _thing: bytes) -> None:
+        self._loop.call_soon_threadsafe(self._changed.set)
 
     def _take_event(self, event: DaoEvent) -> None:
         self.events.append(event)
@@ -293,6 +300,7 @@ class Live:
             services=self._queries.ask(queries.SERVICES).services,
             cases=[one for one in queue if one.state in ("ruled", "submitted")],
             proposals=[] if asked is None else asked.proposals,
+            seen=self._queries.ask(queries.SEEN).things,
             organization=organization,
         )
 

@@ -201,6 +201,11 @@ ROWS: dict[Call, str] = {
         "Live.run",
         "self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org))",
     ): NAMED,
+    (
+        "services/console/live.py",
+        "Live.run",
+        "self._bus.subscribe_bytes(topics.SEEN.pattern(org=self._site.org))",
+    ): WAKES,
     ("services/console/live.py", "Live._draw_maps", "self._subscribe()"): HANDED_ON,
     (
         "services/itrash/camera.py",

@@ -21,6 +21,7 @@ from services.console.lab_map import LabViews
 from services.console.pages import frame, widgets
 from services.console.pages.feed import FeedCard
 from services.console.pages.frame import Console
+from services.console.pages.seen import SeenCard
 
 
 def draw(console: Console) -> None:
@@ -32,6 +33,7 @@ def draw(console: Console) -> None:
     with widgets.card("Lab"):
         lab_map = LabViews(console.lab, "robots and items").map
         seen = widgets.Section(_draw_seen)
+    found = SeenCard(console)
     with widgets.card("Robots"):
         working = widgets.Section(partial(widgets.table, "Robots", _ROBOTS, none="This site has no robots."))
     with ui.element("div").classes("grid"):
@@ -57,7 +59,13 @@ def draw(console: Console) -> None:
         health.show(console.live.heartbeats.processes)
         show_robots()
 
+    def show_found() -> None:
+        things = console.live.summary.seen
+        lab_map.show_things(things)
+        found.show(things)
+
     frame.follow(console, "map", show_map)
+    frame.follow(console, "organization", show_found)
     frame.follow(console, "processes", show_processes)
 
 

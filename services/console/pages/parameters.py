@@ -103,10 +103,10 @@ class Parameters:
 
 
 class PhotoField(widgets.FileDrop):
-    """Puts a photo into the site's store; `value` is its name there."""
+    """Puts a photo into the site's store, and shows it; `value` is its name there."""
 
     def __init__(self, site: Site, label: str, changed: Callable[[], None]) -> None:
-        self.value: str | None = None
+        self._name: str | None = None
         self._site, self._changed = site, changed
         super().__init__(
             f"or drop it here. {label} (JPEG or PNG)",
@@ -117,10 +117,35 @@ class PhotoField(widgets.FileDrop):
             on_rejected=lambda: ui.notify("One JPEG or PNG picture of at most 8 MB", type="warning"),
         )
         self.classes("whole")
+        # Quasar's list of files has a button that takes one out again.
+        self.on("removed", lambda: self._set(None), args=[])
+        with ui.element("div").classes("whole").bind_visibility_from(self):
+            self._shown = widgets.Section(self._draw)
+
+    @property
+    def value(self) -> str | None:
+        return self._name
+
+    @value.setter
+    def value(self, name: str | None) -> None:
+        self._name = name
+        self._shown.show(name)
+
+    def _draw(self, name: str | None) -> None:
+        if name is not None:
+            widgets.picture(f"/files/photo/{name}", "The photo of what lies there")
+            ui.button("Without this photo", on_click=self._take_out).props("flat dense")
+
+    def _take_out(self) -> None:
+        self.reset()
+        self._set(None)
+
+    def _set(self, name: str | None) -> None:
+        self.value = name
+        self._changed()
 
     async def _take(self, event: UploadEventArguments) -> None:
-        self.value = await frame.asked(photos.keep, self._site, await event.file.read())
-        self._changed()
+        self._set(await frame.asked(photos.keep, self._site, await event.file.read()))
 
 
 _THINGS: dict[str, Callable[[Site], list[str]]] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import uuid
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from typing import Any
 from urllib.parse import urlencode
@@ -47,11 +48,11 @@ def register(console: Console) -> None:
             _list(console, page, state if state in _STATES else _ANY, kind_, text[:MAX_SEARCH])
 
     @ui.page("/tasks/new")
-    def new(like: int | None = None) -> None:
+    def new(like: int | None = None, seen: int | None = None) -> None:
         with frame.page(console, "Post a task", "/tasks", heading=False):
             frame.page_head("Post a task", "Its reward goes into escrow until the work is proven.")
             if frame.require("post tasks", Role.OPERATOR):
-                PostForm(console, like)
+                PostForm(console, like, seen)
 
 
 def _list(console: Console, page: int, state: str, kind_: str, text: str) -> None:
@@ -143,13 +144,23 @@ _OTHER = ""
 """A kind that is not installed here."""
 
 
+@dataclass(frozen=True)
+class _Sending:
+    """A request, which is carried out once."""
+
+    request_id: str = field(default_factory=lambda: f"console-{uuid.uuid4()}")
+    seen: int | None = None
+    """The seen thing that it confirms."""
+
+
 class PostForm:
     """The form for a new task, checked while it is filled in and again before anything is sent."""
 
-    def __init__(self, console: Console, like: int | None) -> None:
+    def __init__(self, console: Console, like: int | None, seen: int | None) -> None:
+        """Filled in like the task `like`, or about the seen thing `seen`."""
         self._console = console
         site = console.site
-        self._request_id = f"console-{uuid.uuid4()}"
+        self._sending = _Sending()
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-5"), widgets.card("Task"):
                 with ui.element("div").classes("form"):
@@ -198,13 +209,18 @@ class PostForm:
                     self._where = widgets.Text("span", "", "soft")
                 self.map = LabMap(console.lab, "Map of the lab: click on the place", self._picked)
         self._summary_changed()
-        if like is not None:
-            ui.timer(0, lambda: self._copy(like), once=True)
-        else:
-            self._kind_chosen()
+        self._begin(like, seen)
         frame.follow(console, "map", self._map_changed)
         frame.follow(console, "organization", self._summary_changed)
         self._changed()
+
+    def _begin(self, like: int | None, seen: int | None) -> None:
+        if like is not None:
+            ui.timer(0, lambda: self._copy(like), once=True)
+            return
+        self._kind_chosen()
+        if seen is not None:
+            ui.timer(0, lambda: self._confirm(seen), once=True)
 
     # -- filling in ------------------------------------------------------------------------------------
 
@@ -224,6 +240,25 @@ class PostForm:
         for named in (str(task.requested_service_id), task.requested_provider):
             if named in self.service.options:
                 self.service.value = named
+        self._changed()
+
+    async def _confirm(self, number: int) -> None:
+        """Fill in what a task about a seen thing asks for."""
+        if (found := await frame.asked(self._console.queries.ask, queries.SEEN)) is None:
+            return
+        one = next((one for one in found.things if (one.id, one.state) == (number, "open")), None)
+        if one is None:
+            ui.notify("A task is about this thing already, or it is gone", type="warning")
+            return
+        # Two people who confirm it at the same time get one task.
+        self._sending = _Sending(one.request_id, one.id)
+        self.kind.value = one.kind
+        item = self._shown().field("item")
+        if item is not None and "" in item.options:
+            item.value = ""
+        for form, value in (("map-x", one.x_m), ("map-y", one.y_m), ("photo", one.photo)):
+            if (field := self._shown().field(form)) is not None:
+                field.value = value
         self._changed()
 
     def _map_changed(self) -> None:
@@ -336,7 +371,7 @@ class PostForm:
         if chosen is not None:
             params = chosen.complete(self._console.site, params)
         request: Json = {
-            "request_id": self._request_id,
+            "request_id": self._sending.request_id,
             "kind": self.kind.value,
             "reward_iec": reward,
             "params": params,
@@ -412,11 +447,14 @@ class PostForm:
         try:
             reply = await frame.ask(self._console.actions.perform, frame.user(), "post_task", request)
         except RodeoError as error:
-            if not isinstance(error, QueryTimeout):
+            if self._sending.seen is None and not isinstance(error, QueryTimeout):
                 # After a time-out the same request may be sent again and is carried out once.
-                self._request_id = f"console-{uuid.uuid4()}"
+                self._sending = _Sending()
             frame.fail(error)
         else:
+            if self._sending.seen is not None:
+                said = {"id": self._sending.seen, "what": "confirmed"}
+                await frame.act(self._console, "say_of_seen", said)
             ui.navigate.to(f"/tasks/{reply['task_id']}")
         finally:
             self.post.enable()

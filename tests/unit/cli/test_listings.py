@@ -47,7 +47,7 @@ ACTS = {
     "rodeo ros2 session", "rodeo proof export", "rodeo proof plot", "rodeo init", "rodeo site remove",
     "rodeo up", "rodeo down", "rodeo demo", "rodeo experiment paper",
     "rodeo experiment ablation", "rodeo pool start", "rodeo pool worker",
-    "rodeo site prepare", "rodeo kind new", "rodeo bin correct",
+    "rodeo site prepare", "rodeo kind new", "rodeo bin correct", "rodeo seen say",
     "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo task revoke", "rodeo task allow-payments",
     "rodeo task dispute challenge", "rodeo task dispute vote", "rodeo task dispute settle",

@@ -37,3 +37,18 @@ PAID = task(3, "settled", "accepted")
 def test_the_newest_task_about_the_item_that_says_anything_decides(tasks: list[Task], says: str) -> None:
     found = doubt({"item_id": "item1"}, tasks)
     assert found.startswith(says) if says else found == ""
+
+
+@pytest.mark.parametrize(
+    ("state", "x_m", "says"),
+    [
+        ("open", 2.1, "task 4, which is open, is about what lies 0.10 m from there"),
+        ("open", 2.3, ""),
+        ("settled", 2.1, ""),
+        ("open", None, ""),
+    ],
+)
+def test_a_task_about_the_same_place_is_doubtful(state: str, x_m: float | None, says: str) -> None:
+    other = task(4, state)
+    other.params.update(x_m=x_m, y_m=1.0)
+    assert doubt({"x_m": 2.0, "y_m": 1.0}, [other]) == says
