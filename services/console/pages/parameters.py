@@ -103,7 +103,8 @@ class Parameters:
 
 
 class PhotoField(widgets.FileDrop):
-    """Puts a photo into the site's store, and shows it; `value` is its name there."""
+    """Puts a photo into the site's store; `value` is its name there. One that is filled in is shown, as the
+    browser shows one that is chosen."""
 
     def __init__(self, site: Site, label: str, changed: Callable[[], None]) -> None:
         self._name: str | None = None
@@ -141,7 +142,7 @@ class PhotoField(widgets.FileDrop):
         self._set(None)
 
     def _set(self, name: str | None) -> None:
-        self.value = name
+        self.value, self._name = None, name
         self._changed()
 
     async def _take(self, event: UploadEventArguments) -> None:

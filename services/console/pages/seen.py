@@ -12,6 +12,7 @@ from services.console.pages import frame, widgets
 from services.console.pages.frame import Console
 
 _CLASSES = {word: word for word in get_args(Word) if word not in ("confirmed", "dismissed")}
+_WIDE = 'padding="4px 12px"'
 
 
 class SeenCard:
@@ -52,9 +53,9 @@ class SeenCard:
         if not frame.may("say_of_seen"):
             return
         if one.state == "open":
-            ui.button("Confirm").props(f'unelevated dense href="/tasks/new?seen={one.id}"')
-            ui.button("Dismiss", on_click=partial(self._say, one, "dismissed")).props("outline dense")
-        ui.button("Correct", on_click=partial(self._correct, one)).props("flat dense")
+            ui.button("Confirm").props(f'unelevated {_WIDE} href="/tasks/new?seen={one.id}"')
+            ui.button("Dismiss", on_click=partial(self._say, one, "dismissed")).props(f"outline {_WIDE}")
+        ui.button("Correct", on_click=partial(self._correct, one)).props(f"flat {_WIDE}")
 
     async def _say(self, one: SeenThing, what: str) -> bool:
         request = {"id": one.id, "what": what}
