@@ -320,6 +320,35 @@ def test_a_case_that_no_judge_takes_is_an_error(tmp_path: Path, line: str, field
     assert text in caught.value.details["fields"][f"economy.{field}"]
 
 
+LIMIT = "[bridge.limits]\nfinder.daily_iec = 500\norganization.daily_iec = 500\npanther1.daily_iec = 500\n"
+
+
+@pytest.mark.parametrize(
+    ("poster", "more", "text"),
+    [
+        ("finder", LIMIT, ""),
+        ("organization", LIMIT, ""),
+        ("finder", "", "set bridge.limits.finder.daily_iec"),
+        ("panther1", LIMIT, "who is no robot"),
+        ("oracle", LIMIT, "no wallet of a participant oracle"),
+        ("finder", LIMIT + '[[bridges]]\nname = "other"\nwallets = ["finder"]', "no wallet of a participant"),
+        ("finder", LIMIT.replace("[bridge", 'kinds = ["waste_disposal"]\n[bridge'), "nobody pays himself"),
+    ],
+)
+def test_who_posts_what_robots_see_is_no_robot_and_has_a_limit(
+    tmp_path: Path, poster: str, more: str, text: str
+) -> None:
+    path = tmp_path / "site.toml"
+    kind = f'[[kinds]]\nname = "waste_disposal"\npost_seen_as = "{poster}"\n'
+    path.write_text(f'extends = "{LAB}"\n{kind}[[participants]]\nname = "finder"\n{more}')
+    if not text:
+        assert Site.load(path).kinds[0].post_seen_as == poster
+        return
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert text in caught.value.details["fields"]["kinds.0.post_seen_as"]
+
+
 TOKEN = 'economy.token = { address = "0xA0b86991c6218b36c1d19D4a2e9Eb0cE3606eB48", decimals = 6 }\n'
 
 

@@ -130,6 +130,16 @@ def test_a_mind_takes_orders_for_its_own_robot_only(two: Site) -> None:
         ]
 
 
+def test_a_mind_tells_what_its_own_robot_sees_and_people_say_what_it_is(two: Site) -> None:
+    for act, tellers in (
+        ("report", {"robot_agent.panther1"}),
+        ("gone", {"robot_agent.panther1"}),
+        ("say", {"operator", "console"}),
+    ):
+        key = topics.SIGHT.name(org="lab", who="panther1", act=act)
+        assert {name for name in everybody(two) if may(two, name, "asks", key)} == tellers
+
+
 def test_a_body_says_nothing_to_the_organization_and_asks_it_nothing(two: Site) -> None:
     for name in NAMES:
         rules = {rule["id"]: rule["key_exprs"] for rule in access_control(two)["rules"]}
