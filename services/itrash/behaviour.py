@@ -198,6 +198,8 @@ class Memory(BaseModel):
     drops: int = 0
     pending: ClassificationRecord | None = None
     """The classification whose drop is awaited."""
+    replaced: ClassificationRecord | None = None
+    """The one before it, of what may have begun to fall before the pictures of `pending` were taken."""
     watched: list[WatchRecord] = []
     """What is to be stated at the end of each watch, the oldest first."""
     unsigned: list[Record] = []
@@ -324,7 +326,7 @@ class Bin:
     def _sense(self, range_m: float, time_s: float) -> list[Action]:
         self._presence.reading(range_m, time_s)
         if self.memory.state is State.AWAITING_DROP and self._timed_out(time_s):
-            self.memory.pending = None
+            self.memory.pending = self.memory.replaced = None
             self._enter(State.TIMED_OUT, time_s)
         elif self._presence.is_there:
             self._sense_item(time_s)
@@ -407,7 +409,8 @@ class Bin:
         )
         if record.another_angle:
             self.showing.asks(named)
-        self.memory.pending = None if record.full else record
+        before = self.memory.pending
+        self.memory.pending, self.memory.replaced = (None, None) if record.full else (record, before)
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
         return [self._sign(record)]
 
@@ -502,7 +505,7 @@ class Bin:
         )
 
     def _drop(self, compartment: str, step: Step, shown: bool) -> DropRecord:
-        pending = self.memory.pending if shown else None
+        pending = self._awaited(step) if shown else None
         if pending is not None and step.after_s > self._deadline_s(pending):
             pending = None
         expected = None if pending is None else pending.compartment
@@ -519,7 +522,7 @@ class Bin:
             claimants=() if pending is None else pending.claimants,
         )
         if pending is not None:
-            self.memory.pending = None
+            self.memory.pending = self.memory.replaced = None
             self.memory.presented = []
             self._enter(State.CONFIRMED if record.correct else State.WRONG_COMPARTMENT, step.time_s)
         watch = WatchRecord(
@@ -530,6 +533,13 @@ class Bin:
         )
         self.memory.watched = [*self.memory.watched, watch]
         return record
+
+    def _awaited(self, step: Step) -> ClassificationRecord | None:
+        """The classification of what fell. What was shown while that fell is the gripper that draws back."""
+        pending, before = self.memory.pending, self.memory.replaced
+        if pending is None or before is None or self._unseen(step):
+            return pending
+        return before if pending.shown_s > step.after_s else pending
 
     def _sign(self, record: Record) -> Attest:
         self.memory.unsigned.append(record)

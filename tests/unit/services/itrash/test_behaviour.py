@@ -282,6 +282,21 @@ def test_an_empty_gripper_in_view_does_not_take_a_classification_back() -> None:
     assert len(bench.attested) == 1
 
 
+def test_a_gripper_that_is_taken_for_an_item_while_its_own_falls_is_not_what_fell() -> None:
+    bench = shown("plastic")
+    bench.run(2.0)
+    bench.labels = ["metal"]
+    bench.run(0.3, SHOWN_M)
+    bench.drop("yellow")
+    bench.run(2.0, SHOWN_M)
+    first, second, drop = bench.attested
+    assert isinstance(first, ClassificationRecord)
+    assert isinstance(second, ClassificationRecord)
+    assert isinstance(drop, DropRecord)
+    assert drop.after_s < second.shown_s < drop.settled_s
+    assert (drop.classification, drop.correct) == (first.number, True)
+
+
 def test_an_unknown_item_long_after_a_classified_one_is_another_and_is_said_to_be_unknown() -> None:
     bench = shown("plastic")
     bench.run(70.0)
