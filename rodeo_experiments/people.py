@@ -11,10 +11,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from rodeo.bus import queries
+from rodeo.bus.messages import Task
 from rodeo.bus.session import Bus
 from rodeo.commands.tasks import RegisterTask
 from rodeo.commands.treasury import Deposit
-from rodeo.dao import Participant
+from rodeo.dao import Participant, cancellation
 from rodeo.kinds import Kind, kinds_of, providing_energy
 from rodeo.person.statement import Executor, judge
 from rodeo.runtime.sim_clock import SimClock
@@ -171,6 +172,8 @@ class People:
                 self.ended(task.id)
             elif task.kind == self._plan.experiment.emptying and task.state in _NEXT:
                 news.append((_NEXT[task.state], task.id))
+            elif task.kind == self._plan.work.name and task.state == "open":
+                news.append(("TaskRequeued", task.id))
         for arrival in self._journal.progress.arrivals:
             self._await_finder(arrival)
         return news
@@ -260,12 +263,20 @@ class People:
         kind = self._board.kind_of(task_id)
         if name in ("TaskSettled", "TaskFailed", "TaskCancelled"):
             self.ended(task_id)
+        elif name == "TaskRequeued" and kind == self._plan.work.name:
+            self._take_back(self._board.organization.task(task_id))
         elif kind == self._plan.experiment.emptying:
             after_s = self._clock.now_s() + 60 * self._plan.experiment.emptying_min
             if name == "TaskAssigned":
                 self._agenda.at(after_s, partial(self._empty_the_bin, task_id))
             elif name == "ProofSubmitted":
                 self._agenda.at(after_s, partial(self._judge, task_id))
+
+    def _take_back(self, task: Task) -> None:
+        """A person cancels what every robot has given up, and which nobody will be offered again."""
+        gave_up = {one.provider for one in task.passed if one.gave_up}
+        if task.state == "open" and len(gave_up) >= len(self._plan.site.robots):
+            self._board.organization.command("cancel_task", cancellation(task.id, f"take-back-{task.id}"))
 
     def ended(self, task_id: int) -> None:
         """The item is in the bin, or a person picks it up."""

@@ -6,14 +6,16 @@ import math
 from pathlib import Path
 from typing import Any, cast
 
+from rodeo.bus.messages import Task
 from rodeo.bus.queries import SeenThing
-from rodeo.commands.tasks import RegisterTask
+from rodeo.commands.tasks import CancelTask, RegisterTask
 from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments.arrivals import day_begins_s
 from rodeo_experiments.people import Agenda, People, Plan
 from rodeo_experiments.progress import Journal
 from rodeo_experiments.site import Variation, write_site
+from tests.support.tasks import task
 
 PLACE = (2.0, 1.5)
 
@@ -26,12 +28,30 @@ class Clock:
         return self.s
 
 
+class Organization:
+    def __init__(self) -> None:
+        self.passed: list[dict[str, Any]] = []
+        self.cancelled: list[int] = []
+
+    def task(self, task_id: int) -> Task:
+        return task("open", id=task_id, passed=self.passed)
+
+    def command(self, name: str, request: CancelTask) -> None:
+        assert name == "cancel_task"
+        self.cancelled.append(request.task_id)
+
+
 class Board:
     """Numbers tasks from 1; an equal request is the same task."""
 
     def __init__(self) -> None:
         self.posted: dict[str | None, RegisterTask] = {}
         self.found: list[SeenThing] = []
+
+        self.organization = Organization()
+
+    def kind_of(self, _task_id: int) -> str:
+        return "waste_disposal"
 
     def seen(self) -> list[SeenThing]:
         return self.found
@@ -115,6 +135,15 @@ def test_nobody_points_at_what_a_robot_has_found(tmp_path: Path) -> None:
     assert day.board.posted == {}
     (arrival,) = day.journal.progress.arrivals
     assert (arrival.task_id, arrival.found_by) == (8, "panther1")
+
+
+def test_a_person_takes_back_what_every_robot_has_given_up(tmp_path: Path) -> None:
+    day = Day(tmp_path, unlisted=True)
+    organization = day.board.organization
+    for gave_up, cancelled in ((False, []), (True, [3])):
+        organization.passed = [{"provider": "0x1", "gave_up": gave_up}]
+        day.people.look("TaskRequeued", 3)
+        assert organization.cancelled == cancelled
 
 
 def test_a_run_that_continues_points_to_the_same_place_once(tmp_path: Path) -> None:
