@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 
 from rodeo.errors import Interrupted
 from rodeo.host.files import replace_file
-from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed
+from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed, WorkerDiffers
 from rodeo.jobs.local import Local
 
 log = logging.getLogger(__name__)
@@ -55,6 +55,7 @@ class Runner:
         self._local, self._elsewhere = local, elsewhere
         self._places = (elsewhere or local).places
         self._folder = folder
+        self._differ = dict[str, JobError]()
         self.stop = threading.Event()
         """Set it to end all jobs."""
 
@@ -112,13 +113,19 @@ class Runner:
             except JobError as error:
                 if self.stop.is_set():
                     raise Interrupted("stopped while a job was done", job=job.key) from error
-                log.warning("job %s of %s: %s", job.key[:8], engine.name, error)
+                self._name(job, engine, error)
                 lost.append(error)
                 continue
             if not doubt:
                 replace_file(self._path(job), answer)
             return Done(job, answer, None, engine.name, time.monotonic() - began_s, tuple(lost))
         return Done(job, None, lost.pop(), self._local.name, time.monotonic() - began_s, tuple(lost))
+
+    def _name(self, job: Job, engine: Engine, error: JobError) -> None:
+        """A worker that differs does so for every job: it is named once."""
+        if isinstance(error, WorkerDiffers) and self._differ.setdefault(str(error), error) is not error:
+            return
+        log.warning("job %s of %s: %s", job.key[:8], engine.name, error)
 
     def _check(self, job: Job, answer: bytes) -> None:
         """Raises BadAnswer."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rodeo.errors import Interrupted
-from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed, WorkerLost
+from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed, WorkerDiffers, WorkerLost
 from rodeo.jobs.local import Local
 from rodeo.jobs.runner import TRIES, Runner
 from rodeo_testing.waiting import HANG_S
@@ -110,6 +110,18 @@ def test_a_job_that_one_worker_fails_at_is_given_to_the_next(tmp_path: Path) -> 
     with Runner(Local([work]), Elsewhere(second_time), folder=tmp_path) as runner:
         (done,) = runner.run([Job("double", {"number": 4})])
     assert (done.answer, done.by, work.done) == (b"8", "elsewhere", [])
+
+
+def test_a_worker_that_differs_is_named_once_and_not_for_each_job(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def differs(_: Job) -> bytes:
+        raise WorkerDiffers("this worker has another package", here="0.0.9")
+
+    assert doubled(tmp_path, range(5), Doubling(), Elsewhere(differs))[4] == b"8"
+    assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
+        "this worker has another package (here='0.0.9')"
+    ]
 
 
 class OfNow(Doubling):
