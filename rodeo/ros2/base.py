@@ -60,6 +60,8 @@ class Publisher:
         else:
             self._publisher = node.session.declare_publisher(key, **options)
         self._sequence = itertools.count(1)
+        self._matching: zenoh.MatchingListener[Any] | None = None
+        self._matched, self._asks = False, True
         self._closed = False
 
     @property
@@ -70,7 +72,15 @@ class Publisher:
     @property
     def matched(self) -> bool:
         """Whether anybody subscribes, so that what is costly is made only then. Not for latched topics."""
-        return bool(self._publisher.matching_status.matching)
+        if self._matching is None:
+            self._matching = self._publisher.declare_matching_listener(direct(self._on_matching))
+        if self._asks:
+            self._asks = False  # first: what changes while it is asked is asked again
+            self._matched = bool(self._publisher.matching_status.matching)
+        return self._matched
+
+    def _on_matching(self, _status: zenoh.MatchingStatus) -> None:
+        self._asks = True
 
     def publish(self, message: Any, source_time_ns: int | None = None) -> None:
         """Send a message, stamped with the node's clock unless told otherwise.
@@ -98,6 +108,8 @@ class Publisher:
         if self._closed:
             return
         self._closed = True
+        if self._matching is not None:
+            self._matching.undeclare()
         self._publisher.undeclare()
         self._token.undeclare()
 

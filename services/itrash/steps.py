@@ -85,10 +85,11 @@ class Steps:
             self.arrived.set()
 
     def _remembered(self) -> tuple[Any, ...]:
-        bin_, memory = self.bin, self.bin.memory
+        memory = self.bin.memory
         # A caller that waits at rest has to see each reading once the next one may decide.
-        watch = bin_.attentive, bin_.decides
-        return memory.state, memory.since_s, memory.pending, *watch, tuple(bin_.loads_n.values())
+        decides = self.bin.decides
+        loads_n = [cell.settled_n for cell in memory.cells.values()]
+        return memory.state, memory.since_s, memory.pending, decides, loads_n
 
     def await_action(self) -> bool:
         """Whether there is one before the next report is due. While something is shown or falls, each reading

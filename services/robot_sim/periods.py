@@ -12,7 +12,7 @@ from services.robot_sim.simulation import Simulation
 
 XYZW = np.array([1, 2, 3, 0])
 """ROS's order of a quaternion in MuJoCo's."""
-_MOST = 32
+_MOST = 10
 _UNDERGROUND_M = -1.0
 
 

@@ -178,11 +178,12 @@ class LabPlane:
             self.publish_power()
 
     def columns(self, periods: Periods) -> list[Column]:
-        """The poses of what motion capture sees."""
-        if not self._mocap_poses:
+        """The poses that motion capture sees, of what somebody looks at."""
+        looked_at = {body: one for body, one in self._mocap_poses.items() if one.matched}
+        if not looked_at:
             return []
         bodies, poses, seen = periods.captured()
-        shown = [number for number, body in enumerate(bodies) if body in self._mocap_poses]
+        shown = [number for number, body in enumerate(bodies) if body in looked_at]
         stamps = np.repeat(periods.time_ns, len(shown))
         messages_ = self._pose.encode(stamps, (0, poses[:, shown].reshape(-1, 7)))
         columns: list[Column] = []
@@ -190,7 +191,7 @@ class LabPlane:
             poses_cdr: list[bytes | None] = [*messages_[place :: len(shown)]]
             for row in np.flatnonzero(~seen[:, number]).tolist():
                 poses_cdr[row] = None
-            columns.append((self._mocap_poses[bodies[number]], poses_cdr))
+            columns.append((looked_at[bodies[number]], poses_cdr))
         return columns
 
     def see(self, periods: Periods) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 Send = Callable[[Any, int], object]
 """`publish` or `publish_cdr` of a publisher: message and site time in ns."""
 
-_BATCH_WALL_S = 0.005
+_BATCH_WALL_S = 0.05
 """A message waits no longer than this for company, unless nothing more is published meanwhile."""
 
 

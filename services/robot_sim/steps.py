@@ -35,6 +35,8 @@ HAND_REACHES_M = 1.5
 """More than between a base's centre and its hand, over the floor."""
 HELD_M = 0.08
 """The same of an item that a closed gripper holds."""
+FASTEST_M_S = 5.0
+"""Faster than a hand or a base and an item come nearer to each other."""
 STANDING_SPEED = 0.01
 """m/s or rad/s: a base slower than this comes no nearer to anything within a period."""
 REST_SPEED = 1e-3
@@ -83,6 +85,8 @@ class Steps:
         """Where each item's x is in `mjData.xpos`."""
         self._looked_s: float | None = None
         """Step width for which the present world was looked at."""
+        self._apart = 0
+        """Control periods within which no robot comes near an item."""
 
     @property
     def rests(self) -> bool:
@@ -94,13 +98,9 @@ class Steps:
         """Width of all steps of the next control period."""
         if self._gripping():
             return TIMESTEP_S
-        still, held = self._still, []
-        for item, robot, base_m in self._within_reach():
-            hand_m = self._from_hand_m(item, robot)
-            if hand_m < HELD_M and self._closed(robot):
-                held.append(item)
-            elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
-                return TIMESTEP_S
+        still, held = self._still, self._held()
+        if held is None:
+            return TIMESTEP_S
         if held:
             still = still.copy()
             still[self._item_dofs[held]] = np.inf
@@ -108,19 +108,31 @@ class Steps:
             return TIMESTEP_S
         return HOLDING_S if held else WIDE_S
 
-    def _within_reach(self) -> Iterator[tuple[int, "_Robot", float]]:
-        """(item, robot, distance over the floor between item and base, m) of what a hand may reach."""
+    def _held(self) -> list[int] | None:
+        """Items that closed grippers hold; None where a robot is near another one."""
+        held, apart_m = list[int](), math.inf
+        for item, robot, base_m in () if self._apart > 0 else self._pairs():
+            if base_m > HAND_REACHES_M:
+                apart_m = min(apart_m, base_m - HAND_REACHES_M)
+                continue
+            hand_m = self._from_hand_m(item, robot)
+            apart_m = min(apart_m, hand_m - HAND_NEAR_M, base_m - BASE_NEAR_M)
+            if hand_m < HELD_M and self._closed(robot):
+                held.append(item)
+            elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
+                return None
+        if math.isfinite(apart_m):
+            self._apart = math.floor(apart_m / (FASTEST_M_S * CONTROL_PERIOD_S))
+        return held
+
+    def _pairs(self) -> Iterator[tuple[int, "_Robot", float]]:
+        """(item, robot, distance over the floor between item and base, m)"""
         bodies_m = self._bodies_m
-        places_m = [(bodies_m[at], bodies_m[at + 1]) for at in self._items]
         for robot in self._robots:
             base_x_m, base_y_m = bodies_m[robot.base], bodies_m[robot.base + 1]
-            for item, (x_m, y_m) in enumerate(places_m):
-                x_m, y_m = x_m - base_x_m, y_m - base_y_m
-                # Most are too far away by one coordinate alone.
-                if -HAND_REACHES_M < x_m < HAND_REACHES_M:
-                    base_m = math.sqrt(x_m * x_m + y_m * y_m)
-                    if base_m < HAND_REACHES_M:
-                        yield item, robot, base_m
+            for item, at in enumerate(self._items):
+                x_m, y_m = bodies_m[at] - base_x_m, bodies_m[at + 1] - base_y_m
+                yield item, robot, math.sqrt(x_m * x_m + y_m * y_m)
 
     def _from_hand_m(self, item: int, robot: "_Robot") -> float:
         at, hand = self._items[item], robot.hand
@@ -138,6 +150,7 @@ class Steps:
         """Simulate one control period, and compute positions and contacts at its end, because sensors measure
         the end of the period. The first step of the next period need not compute them again."""
         model, data, width_s = self._model, self._data, self.width_s
+        self._apart -= 1
         if width_s != self._looked_s:
             self._look(width_s)
         mujoco.mj_step2(model, data)
@@ -146,7 +159,7 @@ class Steps:
 
     def look_again(self) -> None:
         """Something was put somewhere."""
-        self._looked_s = None
+        self._looked_s, self._apart = None, 0
 
     def _look(self, width_s: float) -> None:
         """How stiff a contact is depends on how wide the step is."""

@@ -16,7 +16,7 @@ from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
-from rodeo_testing.waiting import HANG_S
+from rodeo_testing.waiting import HANG_S, wait_until
 
 STRING = "std_msgs/msg/String"
 SET_BOOL = "std_srvs/srv/SetBool"
@@ -64,6 +64,17 @@ def test_a_latched_topic_reaches_a_late_subscriber(make_node: MakeNode) -> None:
         pass  # subscribed while the two were still on their way
     make_node("late").subscription("latched", STRING, lambda message, info: late.put(message.data), LATCHED)
     assert late.get(timeout=HANG_S) == "last"
+
+
+def test_a_publisher_knows_whether_somebody_listens(make_node: MakeNode) -> None:
+    talker, listener = make_node("talker"), make_node("listener")
+    publisher = talker.publisher("chatter", STRING)
+    assert not publisher.matched
+    for _ in range(2):
+        subscription = listener.subscription("chatter", STRING, lambda message, info: None)
+        wait_until(lambda: publisher.matched)
+        subscription.close()
+        wait_until(lambda: not publisher.matched)
 
 
 def test_garbage_on_a_topic_is_dropped_and_the_next_message_arrives(make_node: MakeNode) -> None:

@@ -63,6 +63,7 @@ def place_item(simulation: Simulation, position_m: np.ndarray) -> None:
     joint = simulation.data.joint(HELD)
     joint.qpos[:3], joint.qvel[:] = position_m, 0.0
     mujoco.mj_forward(simulation.model, simulation.data)
+    simulation.steps.look_again()
 
 
 def grip(simulation: Simulation) -> None:
@@ -154,6 +155,22 @@ def test_an_arm_in_free_air_follows_by_wide_steps_as_by_narrow_ones(
         narrow_one.step()
     narrow = ways_rad(narrow_one, TIMESTEP_S)
     assert np.abs(np.array(wide) - np.array(narrow)).max() < 2e-3
+
+
+def test_who_does_not_look_in_each_period_steps_as_widely(simulation: Simulation) -> None:
+    """Past items at 0.5 m/s, and where one was put in the way."""
+    things = list(simulation.things.items)
+    looks = Steps(simulation.model, simulation.data, list(simulation.robots), things, lambda: False)
+    seen = set()
+    for period in range(300):
+        the_robot(simulation).command(Twist2(0.5, 0.0), simulation.moved_s)
+        simulation.step()
+        if period == 250:
+            place_item(simulation, the_robot(simulation).body.position_m + np.array([BASE_NEAR_M, 0, 0]))
+        looks.look_again()
+        assert simulation.steps.width_s == looks.width_s, period
+        seen.add(looks.width_s)
+    assert seen == {TIMESTEP_S, WIDE_S}
 
 
 @pytest.mark.parametrize(("away_m", "width_s"), [(0.9, TIMESTEP_S), (1.1, WIDE_S)])
