@@ -16,7 +16,7 @@ from rodeo.evidence.attestation import Attestation
 from rodeo.host.http import HttpServer
 from rodeo.lab.config import BinConfig
 from rodeo.ros2.node import Node
-from rodeo.runtime.process import Process
+from rodeo.runtime.process import Process, return_memory
 from rodeo.runtime.serving import served_by
 from rodeo.site import topics
 from rodeo.site.config import Site
@@ -216,6 +216,7 @@ def run(site: Site, bin_name: str, stop: threading.Event) -> None:
     with Process(name, site, stop) as process:
         process.serve_alone(served_by(site, name))
         process.wait_clock()
+        return_memory()  # the network needs 40 MB while it is loaded, and 30 for each picture
         bin_ = Itrash(process, config, Classifier())
         told = f"the page of {bin_name} (bins.http_port)"
         with HttpServer(make_api(bin_), config.http_host, config.http_port, told, LIMITS) as server:

@@ -68,25 +68,19 @@ class Steps:
         self._model, self._data = model, data
         self._gripping = gripping
         items = np.array([model.body(body).id for body in loose], int)
+        ours = [_Robot(model, robot) for robot in robots]
+        self._near = _Near(data, ours, (3 * items).tolist())
         self._item_dofs = model.body_dofadr[items][:, None] + np.arange(6)
         self._rest = np.full(model.nv, REST_SPEED)
         self._rest[self._item_dofs] = [ITEM_REST_M_S] * 3 + [ITEM_REST_RAD_S] * 3
         self._still = self._rest.copy()
         """(nv,) the most that each speed may be in a world that is not stepped narrowly."""
-        self._robots = [_Robot(model, robot) for robot in robots]
-        for one in self._robots:
+        for one in ours:
             self._still[one.free_dofs] = np.inf
             self._still[one.finger_dofs] = FINGER_STILL_M_S
         self._velocity, self._speed = data.qvel, np.empty(model.nv)
-        # The same arrays and others of `data`, to read single numbers: see rodeo/lab/body.py.
-        self._angle, self._rate = numbers(data.qpos), numbers(data.qvel)
-        self._bodies_m, self._sites_m = numbers(data.xpos), numbers(data.site_xpos)
-        self._items = (3 * items).tolist()
-        """Where each item's x is in `mjData.xpos`."""
         self._looked_s: float | None = None
         """Step width for which the present world was looked at."""
-        self._apart = 0
-        """Control periods within which no robot comes near an item."""
 
     @property
     def rests(self) -> bool:
@@ -98,7 +92,7 @@ class Steps:
         """Width of all steps of the next control period."""
         if self._gripping():
             return TIMESTEP_S
-        still, held = self._still, self._held()
+        still, held = self._still, self._near.held()
         if held is None:
             return TIMESTEP_S
         if held:
@@ -108,49 +102,11 @@ class Steps:
             return TIMESTEP_S
         return HOLDING_S if held else WIDE_S
 
-    def _held(self) -> list[int] | None:
-        """Items that closed grippers hold; None where a robot is near another one."""
-        held, apart_m = list[int](), math.inf
-        for item, robot, base_m in () if self._apart > 0 else self._pairs():
-            if base_m > HAND_REACHES_M:
-                apart_m = min(apart_m, base_m - HAND_REACHES_M)
-                continue
-            hand_m = self._from_hand_m(item, robot)
-            apart_m = min(apart_m, hand_m - HAND_NEAR_M, base_m - BASE_NEAR_M)
-            if hand_m < HELD_M and self._closed(robot):
-                held.append(item)
-            elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
-                return None
-        if math.isfinite(apart_m):
-            self._apart = math.floor(apart_m / (FASTEST_M_S * CONTROL_PERIOD_S))
-        return held
-
-    def _pairs(self) -> Iterator[tuple[int, "_Robot", float]]:
-        """(item, robot, distance over the floor between item and base, m)"""
-        bodies_m = self._bodies_m
-        for robot in self._robots:
-            base_x_m, base_y_m = bodies_m[robot.base], bodies_m[robot.base + 1]
-            for item, at in enumerate(self._items):
-                x_m, y_m = bodies_m[at] - base_x_m, bodies_m[at + 1] - base_y_m
-                yield item, robot, math.sqrt(x_m * x_m + y_m * y_m)
-
-    def _from_hand_m(self, item: int, robot: "_Robot") -> float:
-        at, hand = self._items[item], robot.hand
-        x_m, y_m, z_m = (self._bodies_m[at + axis] - self._sites_m[hand + axis] for axis in range(3))
-        return math.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
-
-    def _closed(self, robot: "_Robot") -> bool:
-        """Whether the robot's fingers may hold something."""
-        return any(abs(self._angle[finger]) < HOLDS_BELOW_M for finger in robot.fingers)
-
-    def _drives(self, robot: "_Robot") -> bool:
-        return any(abs(self._rate[dof]) > STANDING_SPEED for dof in robot.base_dofs)
-
     def advance(self) -> None:
         """Simulate one control period, and compute positions and contacts at its end, because sensors measure
         the end of the period. The first step of the next period need not compute them again."""
         model, data, width_s = self._model, self._data, self.width_s
-        self._apart -= 1
+        self._near.apart -= 1
         if width_s != self._looked_s:
             self._look(width_s)
         mujoco.mj_step2(model, data)
@@ -159,7 +115,7 @@ class Steps:
 
     def look_again(self) -> None:
         """Something was put somewhere."""
-        self._looked_s, self._apart = None, 0
+        self._looked_s, self._near.apart = None, 0
 
     def _look(self, width_s: float) -> None:
         """How stiff a contact is depends on how wide the step is."""
@@ -185,3 +141,57 @@ class _Robot:
             *self.base_dofs, *(int(joints[one].dofadr[0]) for one in (*WHEEL_JOINTS, *arm.joints))
         ]  # fmt: skip
         """Indices into `qvel` of what may be as fast as it likes far from anything loose."""
+
+
+class _Near:
+    """Which items robots are near to, or hold.
+
+    Args:
+        items: where each one's x is in `mjData.xpos`.
+    """
+
+    def __init__(self, data: mujoco.MjData, robots: Sequence[_Robot], items: Sequence[int]) -> None:
+        self._robots, self._items = robots, items
+        # Arrays of `data`, to read single numbers: see rodeo/lab/body.py.
+        self._angle, self._rate = numbers(data.qpos), numbers(data.qvel)
+        self._bodies_m, self._sites_m = numbers(data.xpos), numbers(data.site_xpos)
+        self.apart = 0
+        """Control periods within which no robot comes near an item."""
+
+    def held(self) -> list[int] | None:
+        """Items that closed grippers hold; None where a robot is near another one."""
+        held, apart_m = list[int](), math.inf
+        for item, robot, base_m in () if self.apart > 0 else self._pairs():
+            if base_m > HAND_REACHES_M:
+                apart_m = min(apart_m, base_m - HAND_REACHES_M)
+                continue
+            hand_m = self._from_hand_m(item, robot)
+            apart_m = min(apart_m, hand_m - HAND_NEAR_M, base_m - BASE_NEAR_M)
+            if hand_m < HELD_M and self._closed(robot):
+                held.append(item)
+            elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
+                return None
+        if math.isfinite(apart_m):
+            self.apart = math.floor(apart_m / (FASTEST_M_S * CONTROL_PERIOD_S))
+        return held
+
+    def _pairs(self) -> Iterator[tuple[int, _Robot, float]]:
+        """(item, robot, distance over the floor between item and base, m)"""
+        bodies_m = self._bodies_m
+        for robot in self._robots:
+            base_x_m, base_y_m = bodies_m[robot.base], bodies_m[robot.base + 1]
+            for item, at in enumerate(self._items):
+                x_m, y_m = bodies_m[at] - base_x_m, bodies_m[at + 1] - base_y_m
+                yield item, robot, math.sqrt(x_m * x_m + y_m * y_m)
+
+    def _from_hand_m(self, item: int, robot: _Robot) -> float:
+        at, hand = self._items[item], robot.hand
+        x_m, y_m, z_m = (self._bodies_m[at + axis] - self._sites_m[hand + axis] for axis in range(3))
+        return math.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
+
+    def _closed(self, robot: _Robot) -> bool:
+        """Whether the robot's fingers may hold something."""
+        return any(abs(self._angle[finger]) < HOLDS_BELOW_M for finger in robot.fingers)
+
+    def _drives(self, robot: _Robot) -> bool:
+        return any(abs(self._rate[dof]) > STANDING_SPEED for dof in robot.base_dofs)
