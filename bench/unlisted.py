@@ -7,7 +7,8 @@ them. The oracle may accept, so that its proposal is its ruling.
 `unlisted_done_share` of these recordings is accepted. `unlisted_refused_share` of the forgeries of
 `rodeo_kinds.waste_disposal.harness.places` is not; the five that nobody can refuse were named before in
 docs/explanation/evidence.md, and none of them is among these. `unlisted_verify_s` is the median wall time of
-a verification, `unlisted_listed_verify_s` that of the same film with the item's markers.
+a verification, `unlisted_listed_verify_s` that of the same film with the item's markers. `bench.sight` adds
+what robots see.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from bench import sight
 from bench.honest import LEVELS, Level
 from rodeo.checks.verify import verify_file
 from rodeo.lab.config import SHAPE_NAMES, ItemClass, ItemConfig, Pose2
@@ -61,6 +63,7 @@ def run() -> dict[str, float]:
         "unlisted_refused_share": refused / len(places.PLACES),
         "unlisted_verify_s": statistics.median(took_s),
         "unlisted_listed_verify_s": statistics.median(listed_s),
+        **sight.run(),
     }
 
 

@@ -54,6 +54,10 @@ class Rectangle:
         along, across = seen_from(self.pose, x_m, y_m)
         return (abs(along) <= self.half_x_m) & (abs(across) <= self.half_y_m)
 
+    def grown(self, by_m: float) -> Rectangle:
+        """The same, `by_m` larger to each side."""
+        return Rectangle(self.pose, self.half_x_m + by_m, self.half_y_m + by_m)
+
     def distance_m(self, x_m: float, y_m: float) -> float:
         """From the point to the rectangle; 0 inside."""
         along, across = seen_from(self.pose, x_m, y_m)

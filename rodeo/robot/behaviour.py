@@ -21,6 +21,7 @@ from rodeo.robot.body import Body
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
+from rodeo.seen import Seen
 from rodeo.site.config import Site
 from rodeo.witness.statement import Claimant
 
@@ -118,6 +119,8 @@ class Robot:
     estimate: Callable[[float, Pose2], Estimate]
     """Estimate for a task with this way (m, in straight lines) that ends at this pose, from the robot's
     earlier tasks of the kind."""
+    seen: Seen
+    """What robots see on the floor, as the organization keeps it."""
 
 
 class Behaviour(ABC):
@@ -165,4 +168,9 @@ class Behaviour(ABC):
 
     def tidy(self) -> None:
         """After an attempt, however it ended: make room for whoever works here next."""
+        return None
+
+    def look_around(self) -> None:
+        """Where an idle robot came to when it explored: look whether there is work of this kind. The arm is
+        folded before and after."""
         return None

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
 from rodeo.lab.config import Pose2
-from rodeo.lab.geometry import Rectangle, ahead, seen_from, wrap
+from rodeo.lab.geometry import Metres, Rectangle, ahead, seen_from, wrap
 from rodeo.lab.layout import (
     FOOTPRINT_RADIUS_M,
     ITEM_RADIUS_M,
@@ -89,9 +90,15 @@ class Floor:
             raise Unreachable("nowhere to stand near the item", x_m=round(item[0], 3), y_m=round(item[1], 3))
         return sorted(poses, key=lambda pose: travel_cost_m(start, pose))
 
-    def is_open(self, x_m: float, y_m: float) -> bool:
-        """Whether the plan shows nothing there, so that what stands there is none of the furniture."""
-        return self.clearance_m(x_m, y_m) > _PLAN_M
+    def is_open(self, x_m: Metres, y_m: Metres) -> Any:
+        """Whether the plan shows nothing there, so that what stands there is no furniture; of arrays, for each
+        point."""
+        length_m, width_m = self._size_m
+        inside = Rectangle(Pose2(x_m=length_m / 2, y_m=width_m / 2), length_m / 2, width_m / 2).grown(
+            -_PLAN_M
+        )
+        taken = [one.grown(_PLAN_M).contains(x_m, y_m) for one in self._obstacles]
+        return inside.contains(x_m, y_m) & ~np.any(taken, axis=0)
 
     def lookouts(self, place: Point, others: Iterable[Point], start: Pose2) -> list[Pose2]:
         """Places to look at `place` from, far enough not to touch what lies near it, the nearest first.

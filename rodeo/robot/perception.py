@@ -37,6 +37,14 @@ _NEIGHBOUR_GRAINS = 1.8
 _FEWEST_POINTS = 3
 _TRIM = 0.01
 """Share of a cluster's points on each side that its extent leaves out."""
+_BORDER_PX = 1
+"""What reaches into the outermost picture elements may go on beyond them."""
+_ABOVE_M = (0.28, 0.34, 0.40)
+"""Heights at which air above a thing is looked for: a leg goes on there."""
+_BARE_M, _BARE_STEPS, _BARE_SHARE = 0.06, 7, 0.9
+"""Floor is bare where this share of a square of points, this far to each side, is seen to be floor."""
+_BARE_WITHIN_M = 1.3
+"""Over the floor from the camera: farther off the lowest things are as flat as the noise."""
 _YAW_STEPS = 45
 LONGEST_CARRIED_M = 0.2
 """More does not fit into a compartment."""
@@ -66,6 +74,8 @@ class Cloud:
     points_m: Array
     """(n, 3)"""
     grain_m: float
+    looks: int = 1
+    """From how many positions: the points of each lie between those of the others."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +88,11 @@ class Cluster:
     width_m: float
     height_m: float
     points: int
+
+    @property
+    def excess_m(self) -> float:
+        """By what it is too wide for a gripper, or too long for a bin."""
+        return max(0.0, self.width_m - WIDEST_GRASP_M, self.length_m - LONGEST_CARRIED_M)
 
 
 @dataclass(frozen=True)
@@ -110,7 +125,8 @@ def cloud(views: Sequence[View]) -> Cloud:
         if len(near_floor):
             grains.append(float(np.median(near_floor)) / fx)
     points_m = np.concatenate(clouds) if clouds else np.empty((0, 3))
-    return Cloud(points_m, max(grains, default=0.01))
+    looks = len({view.position_m.tobytes() for view in views})
+    return Cloud(points_m, max(grains, default=0.01), max(looks, 1))
 
 
 def level(points_m: Array) -> Array:
@@ -128,33 +144,83 @@ def level(points_m: Array) -> Array:
 
 
 def clusters(
-    seen: Cloud, place: Point, within_m: float, free: Callable[[float, float], bool]
+    seen: Cloud, place: Point, within_m: float, free: Callable[[Array, Array], Any]
 ) -> list[Cluster]:
-    """What stands on the floor within `within_m` of `place`, where the site's plan says that it is `free`."""
+    """What stands on the floor within `within_m` of `place`, where the site's plan says that it is `free`.
+
+    `free` takes x and y of points, and answers for each.
+    """
     points = level(seen.points_m)
     offset_m = np.hypot(points[:, 0] - place[0], points[:, 1] - place[1])
     # A little further, so that what lies across the border is seen whole.
     above = (points[:, 2] > _ABOVE_FLOOR_M) & (points[:, 2] < _TALLEST_M) & (offset_m < within_m + 0.1)
     points = points[above]
-    points = points[[free(float(x), float(y)) for x, y, _ in points]] if len(points) else points
+    points = points[np.broadcast_to(free(points[:, 0], points[:, 1]), len(points))]
     if len(points) < _FEWEST_POINTS:
         return []
     pairs = KDTree(points[:, :2]).query_pairs(_NEIGHBOUR_GRAINS * seen.grain_m, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     count, labels = connected_components(graph, directed=False)
     groups = (points[labels == label] for label in range(count))
-    found = [_cluster(group, seen.grain_m) for group in groups if len(group) >= _FEWEST_POINTS]
+    found = [_cluster(group, seen.grain_m / seen.looks) for group in groups if len(group) >= _FEWEST_POINTS]
     return [c for c in found if np.hypot(c.centre_m[0] - place[0], c.centre_m[1] - place[1]) <= within_m]
 
 
-def _cluster(points: Array, grain_m: float) -> Cluster:
+def stands_free(cluster: Cluster, view: View) -> bool:
+    """Whether the view shows all of the cluster, and air above it: it is no leg, and no part of something
+    that goes on beyond the border of the picture."""
+    c, s = np.cos(cluster.yaw_rad), np.sin(cluster.yaw_rad)
+    along, across = cluster.length_m / 2 * np.array([c, s]), cluster.width_m / 2 * np.array([-s, c])
+    sides = np.array([k * along + j * across for k in (-1, 1) for j in (-1, 1)]) + cluster.centre_m
+    corners = np.array([[x, y, z] for x, y in sides for z in (0.0, cluster.height_m)])
+    above = np.array([[*cluster.centre_m, height_m] for height_m in _ABOVE_M])
+    (_, shown), (measured_m, in_air) = _behind(corners, view), _behind(above, view)
+    away_m = (above - view.position_m) @ view.rotation[:, 2]
+    measured = ~np.isnan(measured_m)
+    free = measured.any() and (measured_m[measured] > away_m[measured]).all()
+    return bool(shown.all() and in_air.all() and free)
+
+
+def is_bare(place: Point, views: Sequence[View]) -> bool:
+    """Whether a view shows floor all around `place`, and nothing before it."""
+    steps = np.linspace(-_BARE_M, _BARE_M, _BARE_STEPS)
+    x, y = np.meshgrid(place[0] + steps, place[1] + steps)
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    for view in views:
+        measured_m, shown = _behind(points, view)
+        away = points - view.position_m
+        shown &= np.hypot(away[:, 0], away[:, 1]) < _BARE_WITHIN_M
+        # The ray ends on the floor where it is as long as the way to the floor, to half of the lowest item.
+        off_m = away[:, 2] * (1 - measured_m / (away @ view.rotation[:, 2]))
+        if shown.all() and np.mean(np.abs(off_m) < _ABOVE_FLOOR_M) >= _BARE_SHARE:
+            return True
+    return False
+
+
+def _behind(points_m: Array, view: View) -> tuple[Array, NDArray[np.bool_]]:
+    """(n,) depths that the view measured in the directions of the points, and whether those are within it.
+
+    NaN where it measured nothing; infinity where whatever is there is too far off.
+    """
+    local = (points_m - view.position_m) @ view.rotation
+    pixels = local @ view.intrinsics.T
+    height, width = view.depth_m.shape
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.nan_to_num(np.rint(pixels[:, :2] / pixels[:, 2:]), nan=-1.0, posinf=-1.0, neginf=-1.0)
+    least, most = _BORDER_PX, np.array([width, height]) - 1 - _BORDER_PX
+    shown = (local[:, 2] > _NEAREST_M) & (at >= least).all(axis=1) & (at <= most).all(axis=1)
+    column, row = np.clip(at, 0, [width - 1, height - 1]).astype(int).T
+    return view.depth_m[row, column], shown
+
+
+def _cluster(points: Array, apart_m: float) -> Cluster:
     yaws = np.arange(_YAW_STEPS) * (np.pi / 2 / _YAW_STEPS)
     cosines, sines = np.cos(yaws), np.sin(yaws)
     # All ways to turn the box at once: (n, 2 * _YAW_STEPS) along and across each.
     sides = points[:, :2] @ np.block([[cosines, -sines], [sines, cosines]])
     lows, highs = np.quantile(sides, [_TRIM, 1 - _TRIM], axis=0).reshape(2, 2, _YAW_STEPS)
     # A ray through the middle of a picture element stands for all of it.
-    extents_m = highs - lows + grain_m
+    extents_m = highs - lows + apart_m
     least = int(np.prod(extents_m, axis=0).argmin())
     yaw, c, s = yaws[least], cosines[least], sines[least]
     along, across = (lows[:, least] + highs[:, least]) / 2
@@ -205,11 +271,9 @@ def _as_it_is(cluster: Cluster) -> Sighting:
     """The cluster's own box; its misfit is by what it is too wide or too long to be carried."""
     half = cluster.yaw_rad / 2
     size_m = cluster.length_m, cluster.width_m, cluster.height_m
-    too_m = max(0.0, cluster.width_m - WIDEST_GRASP_M, cluster.length_m - LONGEST_CARRIED_M)
     position_m = (*cluster.centre_m, cluster.height_m / 2)
-    return Sighting(
-        position_m, (float(np.cos(half)), 0.0, 0.0, float(np.sin(half))), size_m[2], too_m, size_m
-    )
+    quat_wxyz = (float(np.cos(half)), 0.0, 0.0, float(np.sin(half)))
+    return Sighting(position_m, quat_wxyz, size_m[2], cluster.excess_m, size_m)
 
 
 def _as_item(item: ItemConfig, cluster: Cluster) -> Sighting:

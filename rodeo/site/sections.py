@@ -728,6 +728,8 @@ class AgentConfig(_Table):
     explore_when_idle: bool = True
     explore_min_per_h: float = Field(default=60.0, ge=0, le=60)
     """Minutes of each hour that an idle robot may explore. A simulated clock cannot skip this time."""
+    look_when_exploring: bool = True
+    """Whether it then looks around, and reports what lies on the floor that no site file lists."""
     daily_spending_cap_iec: Decimal = Field(default=Decimal(1000), ge=0)
     """IEC that a robot may spend on tasks of its own within 24 hours of site time."""
     maintenance: list[MaintenanceConfig] = []

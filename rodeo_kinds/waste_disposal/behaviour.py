@@ -37,6 +37,7 @@ from rodeo_kinds.waste_disposal.delivery import BIN_ANSWER_WALL_S, Delivery, Sta
 from rodeo_kinds.waste_disposal.found import FOUND
 from rodeo_kinds.waste_disposal.grasping import Grasping
 from rodeo_kinds.waste_disposal.params import CleaningParams, unprovable
+from rodeo_kinds.waste_disposal.scouting import Scouting
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +53,7 @@ class WasteDisposal(Behaviour):
         super().__init__(robot)
         self._items = robot.site.items
         self._body, self._floor, self._memory = robot.body, robot.floor, robot.memory
-        self._grasping = Grasping(robot)
+        self._grasping, self._scouting = Grasping(robot), Scouting(robot)
         self.delivery = Delivery(robot)
         self.stations = self.delivery.stations
 
@@ -126,6 +127,11 @@ class WasteDisposal(Behaviour):
 
     def tidy(self) -> None:
         self.delivery.make_room()
+
+    def look_around(self) -> None:
+        """Only where a robot could be paid for taking away what nobody listed."""
+        if not unprovable(self.robot.site, {}):
+            self._scouting.look_around()
 
     # -- the work --------------------------------------------------------------------------------------
 

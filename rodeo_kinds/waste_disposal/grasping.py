@@ -20,11 +20,11 @@ log = logging.getLogger(__name__)
 
 _SEARCH_M = PLACE_LIMIT_M + 0.1
 """With room for what a view from a distance is off by, and to say that the item lies too far off."""
-_LOOK_TURNS_RAD = (0.0, 0.15)
+LOOK_TURNS_RAD = (0.0, 0.15)
 """Turns of the waist between the pictures of one look: their picture elements fall on different points."""
-_FAR_MISFIT_M = 0.045
+FAR_MISFIT_M = 0.045
 """Misfit of extents seen from a distance, where a picture element covers 2 cm."""
-_NEAR_MISFIT_M = 0.02
+NEAR_MISFIT_M = 0.02
 _NEAR_WITHIN_M = 0.12
 _CANDIDATES = 3
 """Things seen from a distance that are worth a look from above."""
@@ -33,7 +33,7 @@ _VIEWS_ABOVE_M = ((0.25, -0.012), (0.22, 0.012))
 _AHEAD_M = (PICK_DISTANCE_M - 0.08, PICK_DISTANCE_M + 0.04)
 _BESIDE_M = 0.08
 """With the item in this window ahead the robot need not drive to take it."""
-_LISTED_M = 0.15
+LISTED_M = 0.15
 """What lies so near to where an item of the site was last known may be that item."""
 _LEAST_FELT_N = 0.02
 """An arm that feels less says this."""
@@ -125,11 +125,11 @@ class Grasping:
             work.report(doing, 0.1)
             self._body.drive(side)
             work.report(f"looking for {name}", 0.15)
-            views = [view for turn in _LOOK_TURNS_RAD for view in self._body.look(turn)]
+            views = [view for turn in LOOK_TURNS_RAD for view in self._body.look(turn)]
             found = self._clusters(item, views, place, _SEARCH_M)
-            if likely := candidates(found, item, place, _FAR_MISFIT_M):
+            if likely := candidates(found, item, place, FAR_MISFIT_M):
                 return likely[:_CANDIDATES]
-        return [best(found, item, place, _FAR_MISFIT_M)]
+        return [best(found, item, place, FAR_MISFIT_M)]
 
     def _look_down(self, item: ItemConfig | None, place: Point) -> Sighting:
         """The item from above. Raises NotFound, Unreachable."""
@@ -137,7 +137,7 @@ class Grasping:
         for height_m, left_m in _VIEWS_ABOVE_M:
             views += self._body.look_down(place, height_m, left_m)
         found = self._clusters(item, views, place, _NEAR_WITHIN_M)
-        return best(found, item, place, _NEAR_MISFIT_M)
+        return best(found, item, place, NEAR_MISFIT_M)
 
     def _clusters(
         self, item: ItemConfig | None, views: list[View], place: Point, within_m: float
@@ -146,7 +146,7 @@ class Grasping:
         which is never paid for without its name."""
         found = clusters(cloud(views), place, within_m, self._floor.is_open)
         listed = self._memory.lying(but=FOUND) if item is None else []
-        return [one for one in found if all(math.dist(one.centre_m, at) > _LISTED_M for at in listed)]
+        return [one for one in found if all(math.dist(one.centre_m, at) > LISTED_M for at in listed)]
 
     def _in_front(self, place: Point) -> bool:
         """Whether `place` can be worked at from where the robot stands."""

@@ -30,6 +30,7 @@ from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
 from rodeo.ros2 import types
 from rodeo.runtime.process import Process
+from rodeo.seen import Seen
 from rodeo.site import topics
 from rodeo.site.chance import generator
 from rodeo.site.sections import interface_of
@@ -86,6 +87,7 @@ class _Parts(RobotDevice):
                         clock=self.clock,
                         announce=self._announce,
                         estimate=partial(upkeep.estimate, name),
+                        seen=Seen(self.process.bus, self.site.org, self.robot.name),
                     )
                 )
         return Skills(kinds, made, upkeep, self.clock)
@@ -136,7 +138,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Agent
     )
     offers = Offers(robot, dao, skills, prices, clock)
     care = Care(site, robot.name, dao, clock, upkeep)
-    idle = Idle(process, machine, news, activity, care, charging, offers)
+    idle = Idle(process, machine, news, activity, care, charging, offers, skills)
     decisions = Decisions(process.data_dir / "decisions.jsonl")
 
     def state() -> dict[str, Any]:

@@ -11,7 +11,7 @@ from services.robot_agent.activity import Activity
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging
 from services.robot_agent.decision import Situation
-from services.robot_agent.machine import Machine
+from services.robot_agent.machine import Machine, Skills
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers
 from services.robot_agent.upkeep import Care
@@ -41,6 +41,7 @@ class Idle:
         care: Care,
         charging: Charging,
         offers: Offers,
+        skills: Skills,
     ) -> None:
         self._process, self._site, self._clock, self._stop = (
             process,
@@ -50,6 +51,7 @@ class Idle:
         )
         self.machine, self.activity = machine, activity
         self._news, self._care, self._charging, self._offers = news, care, charging, offers
+        self._skills = skills
         self._exploring = HourlyBudget(60 * self._site.agent.explore_min_per_h)
         self._astray = 0
         """Tries in a row to get home that failed."""
@@ -126,8 +128,11 @@ class Idle:
             with machine.interrupts.also(self._undistracted):
                 machine.hands.fold()
                 machine.body.navigate(goal)
+                if self._site.agent.look_when_exploring:
+                    for behaviour in self._skills.behaviours.values():
+                        behaviour.look_around()
         except Distracted:
-            return
+            self._stow()
         except MotionFailed as error:
             log.info("cannot explore there: %s", error)
         finally:
@@ -171,9 +176,13 @@ class Idle:
         """So that the next task can begin with driving."""
         try:
             with self.machine.interrupts.also(self._undistracted):
-                self.machine.hands.fold()
+                self._stow()
         except Distracted:
             return
+
+    def _stow(self) -> None:
+        try:
+            self.machine.hands.fold()
         except (MotionFailed, Unreachable) as error:
             log.info("the arm stays as it is: %s", error)
 

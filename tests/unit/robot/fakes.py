@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +15,11 @@ import mujoco
 import numpy as np
 from eth_account import Account
 
+from rodeo.bus.queries import SeenThing
 from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.host.clock import WallClock
+from rodeo.kinds import SAME_PLACE_M
 from rodeo.lab.config import ItemConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose, shape_of
@@ -38,6 +41,7 @@ from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import View
 from rodeo.robot.ros_body import Grip, Joints
+from rodeo.seen import Sighting
 from rodeo.site.config import Site
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook
@@ -261,24 +265,26 @@ class RayCamera:
         return [View(depth.reshape(self.HEIGHT, self.WIDTH), self._intrinsics, position, rotation)]
 
     def _put_everything(self) -> None:
-        model, data, body = self._model, self._data, self._body
-        robot = body.site.robots[0].name
-        half = body.base.yaw_rad / 2
-        joint = model.joint(f"{robot}/base").qposadr[0]
-        height_m = model.qpos0[joint + 2]
-        data.qpos[joint : joint + 7] = [
-            body.base.x_m, body.base.y_m, height_m, np.cos(half), 0, 0, np.sin(half)
-        ]  # fmt: skip
-        for name, value in zip(arm_model().joints, body.arm_rad, strict=True):
-            data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = value
-        for name, side in zip(arm_model().fingers, (1, -1), strict=True):
-            data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = side * body.gripper_m
-        for item, pose in body.items.items():
+        model, data = self._model, self._data
+        for item, pose in self._body.items.items():
             joint = model.joint(item).qposadr[0]
             x, y, z = (0.0, 0.0, -5.0) if self.blind else pose.position_m
             data.qpos[joint : joint + 7] = [x, y, z, *pose.quat_wxyz]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
+        put(self._body, model, data)
+
+
+def put(body: KinematicBody, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Put the robot into a world as it stands."""
+    robot, half = body.site.robots[0].name, body.base.yaw_rad / 2
+    joint = model.joint(f"{robot}/base").qposadr[0]
+    height_m = model.qpos0[joint + 2]
+    data.qpos[joint : joint + 7] = [body.base.x_m, body.base.y_m, height_m, np.cos(half), 0, 0, np.sin(half)]
+    for name, value in zip(arm_model().joints, body.arm_rad, strict=True):
+        data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = value
+    for name, side in zip(arm_model().fingers, (1, -1), strict=True):
+        data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = side * body.gripper_m
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
 
 
 def manipulator(site: Site, body: KinematicBody, camera: RayCamera, memory: Memory) -> MobileManipulator:
@@ -293,6 +299,43 @@ def manipulator(site: Site, body: KinematicBody, camera: RayCamera, memory: Memo
 @lru_cache(maxsize=8)
 def _world(site_json: str) -> mujoco.MjModel:
     return build_world(Site.model_validate_json(site_json))
+
+
+class SeenBook:
+    """Keeps what robots see as the bridge does, in memory."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        self._clock = clock
+        self.reported: list[SeenThing] = []
+        """Each as it was reported first."""
+        self.kept: list[SeenThing] = []
+
+    def things(self, state: str) -> list[SeenThing]:
+        return [one for one in self.kept if one.state in state.split(",")]
+
+    def report(self, seen: Sighting) -> SeenThing:
+        now_s = self._clock.now_s()
+        for one in self.things("open,posted,dismissed"):
+            if math.dist((one.x_m, one.y_m), (seen.x_m, seen.y_m)) < SAME_PLACE_M:
+                return self._keep(one, last_s=now_s)
+        new = SeenThing(
+            **seen.model_dump(),
+            id=len(self.kept),
+            robot="panther1",
+            first_s=now_s,
+            last_s=now_s,
+            state="open",
+        )
+        self.reported.append(new)
+        self.kept.append(new)
+        return new
+
+    def gone(self, thing_id: int) -> SeenThing:
+        return self._keep(self.kept[thing_id], state="gone")
+
+    def _keep(self, thing: SeenThing, **changes: Any) -> SeenThing:
+        self.kept[thing.id] = thing.model_copy(update=changes)
+        return self.kept[thing.id]
 
 
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)

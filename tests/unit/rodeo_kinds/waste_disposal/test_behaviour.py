@@ -42,6 +42,7 @@ from tests.unit.robot.fakes import (
     Notes,
     Pose3,
     RayCamera,
+    SeenBook,
     Voice,
     manipulator,
 )
@@ -63,6 +64,7 @@ class Scene:
         self.sightings: list[Sighting] = []
         self.hands = manipulator(self.site, self.body, self.camera, self.memory)
         smart_bin: Any = self.bin
+        nothing_seen: Any = SeenBook(self.clock)
         if bus is not None:
             real: Any = bus, self.site, "itrash", self.clock, Voice(folder, bus), self.body.interrupts
             smart_bin = SmartBin(*real)
@@ -77,6 +79,7 @@ class Scene:
                 self.clock,
                 self.sightings.append,
                 lambda way_m, ends_at: Estimate(way_m, way_m, ends_at),
+                nothing_seen,
             )
         )
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -77,8 +77,11 @@ class Night:
     offers: list[object] = field(default_factory=list)
     """Services of other robots."""
     asked_for: list[str] = field(default_factory=list)
-    memory: Any = field(default_factory=lambda: SimpleNamespace(held=None))
+    memory: Any = field(default_factory=lambda: SimpleNamespace(held=None, lying=list))
     agent: Any = None
+    looks: bool = True
+    called: bool = False
+    """While it looks around."""
     clock_check: Any = field(default_factory=lambda: SimpleNamespace(problem=""))
     wrong_clock: str = ""
 
@@ -94,7 +97,7 @@ class Night:
         night, stop = self, threading.Event()
         self.clock = clock or NightClock(self)
         site = SimpleNamespace(
-            agent=AgentConfig(explore_when_idle=False, explore_min_per_h=60),
+            agent=AgentConfig(explore_when_idle=False, explore_min_per_h=60, look_when_exploring=self.looks),
             robots=self.others or [None] * self.robots,
             clock=config,
         )
@@ -116,6 +119,8 @@ class Night:
         )
         orders: Any = SimpleNamespace(standing=self.standing, working_on=lambda _nonce: None)
         none: Any = None
+        care: Any = SimpleNamespace(ask=lambda: None)
+        floor: Any = SimpleNamespace(explore=lambda _lying, _chance: iter([HOME]))
 
         class SomeOffers(Offers):
             def open(self, wanted: Collection[str]) -> None:
@@ -138,9 +143,9 @@ class Night:
                 return False
 
         skills = Skills({}, {TASK.kind: fakes}, fakes, self.clock)
-        machine = self.machine = Machine(robot, fakes, self.hands, none, self.memory, Interrupts(), none)
+        machine = self.machine = Machine(robot, fakes, self.hands, floor, self.memory, Interrupts(), none)
         offers = SomeOffers(robot, fakes, skills, none, self.clock)
-        self.idle = SomeIdle(process, machine, self.news, activity, none, fakes, offers)
+        self.idle = SomeIdle(process, machine, self.news, activity, care, fakes, offers, skills)
         willing: Any = SimpleNamespace(accept=lambda *_: None)
         self.attempts = SomeAttempts(process, fakes, skills, fakes, offers, fakes, willing, self.idle)
         decisions: Any = SimpleNamespace(add=lambda _decided: None)
@@ -209,6 +214,13 @@ class Night:
 
     def tidy(self) -> None:
         pass
+
+    def look_around(self) -> None:
+        self.did.append("look around")
+        if self.called:
+            self.news.wake.set()
+        self.machine.interrupts.check()
+        self.did.append("looked around")
 
     def record(self, _attempt: Attempt) -> None:
         self.machine.check_clock()
@@ -316,6 +328,23 @@ def test_what_it_was_given_before_its_hours_were_over_it_does_and_is_off_again(n
     assert (night.did[-1], night.powered, night.service) == (does, True, "paused")
     steps(night, 1)
     assert (night.powered, night.said[-1]) == (False, "off until 08:00")
+
+
+@pytest.mark.parametrize(
+    ("looks", "called", "did"),
+    [
+        (True, False, ["fold", "look around", "looked around"]),
+        (True, True, ["fold", "look around", "fold"]),
+        (False, False, ["fold"]),
+    ],
+)
+def test_an_exploring_robot_looks_around_until_something_happens_and_then_folds_its_arm(
+    looks: bool, called: bool, did: list[str]
+) -> None:
+    night, situation = Night(at(10), looks=looks, called=called), cast(Situation, None)
+    night.mind()
+    night.idle.explore(situation)
+    assert night.did == did
 
 
 def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switched_off() -> None:

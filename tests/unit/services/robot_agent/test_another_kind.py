@@ -216,7 +216,7 @@ class Mind:
         floor, config = Floor(site), site.robots[0]
         robot = Robot(
             "panther1", site, self.hands, floor, memory, none, self.clock, none,
-            lambda m, end: Estimate(m, m, end),
+            lambda m, end: Estimate(m, m, end), none,
         )  # fmt: skip
         kinds = {name: kind(name) for name in ("guarding", "watching")}
         self.behaviours = {name: StandGuard(robot) for name in kinds}
@@ -229,7 +229,7 @@ class Mind:
         self.orders: Any = SimpleNamespace(
             standing=Standing(), working_on=lambda _nonce: None, cancelled=lambda _nonce: False
         )
-        idle = AtRest(process, machine, self.news, activity, fit, none, self.offers)
+        idle = AtRest(process, machine, self.news, activity, fit, none, self.offers, skills)
         acceptance = Acceptance(site, self.dao, self.clock, self.behaviours, lambda *_: "")
         seq: Any = SimpleNamespace(seq=0)
         assignments = Assignments(self.dao, seq, acceptance, self.news, self.orders)
