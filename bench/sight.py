@@ -2,7 +2,7 @@
 
 `SIGHT_LABS` (20) labs with furniture at random places and ten things each: the twelve shapes, up to a quarter
 larger or smaller, at random places where a robot can get at them. A robot explores each lab for EXPLORES_S of
-site time as the deployed mind does, and looks with its camera as the simulator casts its rays, noise included.
+site time as the deployed mind does. Its camera is the simulator's, noise included.
 Its base drives the simulator's routes without errors. Then all things are taken away, and it explores for
 GONE_S.
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from rodeo.bus.messages import Task
+from rodeo.bus.seen import Seen
 from rodeo.host.clock import Clock
 from rodeo.lab.config import Pose2
 from rodeo.robot.bin import SmartBin
@@ -21,7 +22,6 @@ from rodeo.robot.body import Body
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
-from rodeo.seen import Seen
 from rodeo.site.config import Site
 from rodeo.witness.statement import Claimant
 

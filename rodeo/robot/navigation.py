@@ -91,8 +91,8 @@ class Floor:
         return sorted(poses, key=lambda pose: travel_cost_m(start, pose))
 
     def is_open(self, x_m: Metres, y_m: Metres) -> Any:
-        """Whether the plan shows nothing there, so that what stands there is no furniture; of arrays, for each
-        point."""
+        """Whether the plan shows nothing there, so that what stands there is no furniture. Coordinates may be
+        arrays."""
         length_m, width_m = self._size_m
         inside = Rectangle(Pose2(x_m=length_m / 2, y_m=width_m / 2), length_m / 2, width_m / 2).grown(
             -_PLAN_M

@@ -88,6 +88,8 @@ class Cluster:
     width_m: float
     height_m: float
     points: int
+    tower_m: float = np.inf
+    """From its centre to the next thing that is too tall to be taken: it may belong to that."""
 
     @property
     def excess_m(self) -> float:
@@ -153,16 +155,19 @@ def clusters(
     points = level(seen.points_m)
     offset_m = np.hypot(points[:, 0] - place[0], points[:, 1] - place[1])
     # A little further, so that what lies across the border is seen whole.
-    above = (points[:, 2] > _ABOVE_FLOOR_M) & (points[:, 2] < _TALLEST_M) & (offset_m < within_m + 0.1)
-    points = points[above]
+    points = points[(points[:, 2] > _ABOVE_FLOOR_M) & (offset_m < within_m + 0.1)]
     points = points[np.broadcast_to(free(points[:, 0], points[:, 1]), len(points))]
+    tall = points[:, 2] >= _TALLEST_M
+    towers, points = points[tall], points[~tall]
     if len(points) < _FEWEST_POINTS:
         return []
     pairs = KDTree(points[:, :2]).query_pairs(_NEIGHBOUR_GRAINS * seen.grain_m, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     count, labels = connected_components(graph, directed=False)
     groups = (points[labels == label] for label in range(count))
-    found = [_cluster(group, seen.grain_m / seen.looks) for group in groups if len(group) >= _FEWEST_POINTS]
+    found = [
+        _cluster(group, seen.grain_m / seen.looks, towers) for group in groups if len(group) >= _FEWEST_POINTS
+    ]
     return [c for c in found if np.hypot(c.centre_m[0] - place[0], c.centre_m[1] - place[1]) <= within_m]
 
 
@@ -213,7 +218,7 @@ def _behind(points_m: Array, view: View) -> tuple[Array, NDArray[np.bool_]]:
     return view.depth_m[row, column], shown
 
 
-def _cluster(points: Array, apart_m: float) -> Cluster:
+def _cluster(points: Array, apart_m: float, towers: Array) -> Cluster:
     yaws = np.arange(_YAW_STEPS) * (np.pi / 2 / _YAW_STEPS)
     cosines, sines = np.cos(yaws), np.sin(yaws)
     # All ways to turn the box at once: (n, 2 * _YAW_STEPS) along and across each.
@@ -227,13 +232,15 @@ def _cluster(points: Array, apart_m: float) -> Cluster:
     length_m, width_m = extents_m[:, least]
     if width_m > length_m:
         yaw, length_m, width_m = yaw + np.pi / 2, width_m, length_m
+    centre_m = float(c * along - s * across), float(s * along + c * across)
     return Cluster(
-        centre_m=(float(c * along - s * across), float(s * along + c * across)),
+        centre_m=centre_m,
         yaw_rad=float(yaw),
         length_m=float(length_m),
         width_m=float(width_m),
         height_m=float(np.quantile(points[:, 2], 0.95)),
         points=len(points),
+        tower_m=float(np.hypot(*(towers[:, :2] - centre_m).T).min(initial=np.inf)),
     )
 
 

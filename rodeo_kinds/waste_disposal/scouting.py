@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from rodeo.bus.queries import SeenThing
+from rodeo.bus.seen import Sighting
 from rodeo.errors import RemoteError
 from rodeo.kinds import SAME_PLACE_M
 from rodeo.lab.layout import footprint
@@ -22,7 +23,6 @@ from rodeo.robot.body import Point
 from rodeo.robot.errors import MotionFailed, NoAnswer, Unreachable
 from rodeo.robot.perception import Array, Cluster, View, cloud, clusters, is_bare, stands_free
 from rodeo.ros2 import types
-from rodeo.seen import Sighting
 from rodeo.site import topics
 from rodeo_kinds.waste_disposal import KIND
 from rodeo_kinds.waste_disposal.found import FOUND
@@ -39,6 +39,8 @@ _OWN_M = 0.05
 _OPEN_M = 0.08
 """Nearer to what the plan shows, a thing may be its edge."""
 _TALLEST_M = 0.2
+_BESIDE_M = 0.3
+"""Nearer to something tall that no plan shows, a thing may be a person's foot."""
 _STILL_M = 0.06
 """What is farther off at the second look has moved, or was never there."""
 _SECOND_LOOKS = 3
@@ -121,6 +123,7 @@ class Scouting:
             for one in found
             if one.excess_m <= misfit_m
             and one.height_m <= _TALLEST_M
+            and one.tower_m > _BESIDE_M
             and self._floor.clearance_m(*one.centre_m) >= _OPEN_M
             and all(math.dist(one.centre_m, place) > LISTED_M for place in items)
             and not any(_is(one, thing) for thing in known)

@@ -9,6 +9,7 @@ from typing import Any, cast
 from rodeo.attempts.device import RobotDevice
 from rodeo.attempts.events import TaskEvents
 from rodeo.bus.messages import DaoEvent
+from rodeo.bus.seen import Seen
 from rodeo.bus.session import DaoEvents
 from rodeo.host.stamps import set_stamp
 from rodeo.judging.rulings import Rulings
@@ -30,7 +31,6 @@ from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
 from rodeo.ros2 import types
 from rodeo.runtime.process import Process
-from rodeo.seen import Seen
 from rodeo.site import topics
 from rodeo.site.chance import generator
 from rodeo.site.sections import interface_of

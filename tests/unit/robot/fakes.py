@@ -16,6 +16,7 @@ import numpy as np
 from eth_account import Account
 
 from rodeo.bus.queries import SeenThing
+from rodeo.bus.seen import Sighting
 from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.host.clock import WallClock
@@ -41,7 +42,6 @@ from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import View
 from rodeo.robot.ros_body import Grip, Joints
-from rodeo.seen import Sighting
 from rodeo.site.config import Site
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook

@@ -174,6 +174,12 @@ def test_a_listed_item_is_not_reported(tmp_path: Path) -> None:
     assert scene.body.drives == []
 
 
+def test_what_lies_beside_a_leg_is_not_reported_while_that_stands_there(tmp_path: Path) -> None:
+    scene = Scene(tmp_path, there=(Pose2(x_m=PLACE[0], y_m=PLACE[1] + 0.2), 0.11, 0.8))
+    scene.look_around()
+    assert scene.seen.reported == []
+
+
 def test_a_leg_is_not_reported(tmp_path: Path) -> None:
     scene = Scene(tmp_path, there=(Pose2(x_m=PLACE[0], y_m=PLACE[1] + 0.5), 0.11, 0.8))
     scene.take_away()
