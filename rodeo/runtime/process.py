@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import ctypes
 import faulthandler
+import gc
 import logging
 import os
 import signal
@@ -440,6 +441,8 @@ def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float 
             last.daemon = True
             last.start()
     worker.join()
+    # The interpreter collects garbage as it ends, for a second in a process that has loaded much.
+    gc.freeze()
     return status[0]
 
 
