@@ -40,7 +40,7 @@ _TRIM = 0.01
 _BORDER_PX = 1
 """What reaches into the outermost picture elements may go on beyond them."""
 _ABOVE_M = (0.28, 0.34, 0.40)
-"""Heights at which air above a thing is looked for: a leg goes on there."""
+"""Heights at which air above a thing is looked for: a leg continues there."""
 _BARE_M, _BARE_STEPS, _BARE_SHARE = 0.06, 7, 0.9
 """Floor is bare where this share of a square of points, this far to each side, is seen to be floor."""
 _BARE_WITHIN_M = 1.3
@@ -173,7 +173,7 @@ def clusters(
 
 def stands_free(cluster: Cluster, view: View) -> bool:
     """Whether the view shows all of the cluster, and air above it: it is no leg, and no part of something
-    that goes on beyond the border of the picture."""
+    that continues beyond the border of the picture."""
     c, s = np.cos(cluster.yaw_rad), np.sin(cluster.yaw_rad)
     along, across = cluster.length_m / 2 * np.array([c, s]), cluster.width_m / 2 * np.array([-s, c])
     sides = np.array([k * along + j * across for k in (-1, 1) for j in (-1, 1)]) + cluster.centre_m
