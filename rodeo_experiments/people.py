@@ -276,7 +276,8 @@ class People:
         """A person cancels what every robot has given up, and which nobody will be offered again."""
         gave_up = {one.provider for one in task.passed if one.gave_up}
         if task.state == "open" and len(gave_up) >= len(self._plan.site.robots):
-            self._board.organization.command("cancel_task", cancellation(task.id, f"take-back-{task.id}"))
+            taking_back = cancellation(task.id, f"take-back-{task.id}")
+            self._board.organization.command(taking_back.declared.name, taking_back)
 
     def ended(self, task_id: int) -> None:
         """The item is in the bin, or a person picks it up."""

@@ -48,8 +48,8 @@ IN_SEVERAL = {
     "match_task": 2,
     "post_votes": 2,
     "register_service": 3,
-    # Goals of ROS 2 are this command, with fields and answers of their own.
-    "register_task": 10,
+    # Goals of ROS 2 are this command, with fields and answers of their own; a bridge posts what robots see.
+    "register_task": 11,
     "rule": 2,
     "update_service": 7,
 }

@@ -41,6 +41,7 @@ WITHOUT_NUMBERS = {
     "rodeo_cli/film.py": "a picture",
     "rodeo_experiments/conduct.py": "handed to `rodeo_experiments.progress.Meters`",
     "rodeo_kinds/waste_disposal/checks/picture.py": "a picture",
+    "rodeo_kinds/waste_disposal/scouting.py": "a picture",
     "services/charger/process.py": "bytes, written as they are",
     "services/console/replay.py": "a picture",
     "services/itrash/camera.py": "a picture",

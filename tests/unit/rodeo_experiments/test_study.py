@@ -99,7 +99,7 @@ def test_a_record_answers_its_own_run_only(tmp_path: Path) -> None:
     runs.check(asked(seed=1).job, answer)
     for other, differ in (
         (asked(seed=2), "clock"),
-        (asked(unlisted=True), "agent.explore_min_per_h, items, things"),
+        (asked(unlisted=True), "agent.explore_min_per_h, agent.look_when_exploring, items, things"),
     ):
         with pytest.raises(BadAnswer, match="of another run") as refused:
             runs.check(other.job, answer)
