@@ -31,12 +31,14 @@ from websockets.typing import Origin
 
 from rodeo.access.roles import Role
 from rodeo.bus import queries
+from rodeo.bus.seen import Seen, Sighting
 from rodeo.chain.client import ChainClient
 from rodeo.chain.contracts.events import ServiceRegistered
 from rodeo.chain.deployment import Deployment
 from rodeo.errors import BusError
 from rodeo.lab.render import encode
 from rodeo.money.currency import IEC
+from rodeo.person.photos import keep
 from rodeo.signing import keystores, possession, wallets
 from rodeo.site.sections import LOCAL_CHAIN_ID
 from rodeo_testing.waiting import HANG_S, wait_until
@@ -735,3 +737,45 @@ def test_whatever_the_document_allows_or_forbids_gets_a_documented_answer(
         excluded_checks=[positive_data_acceptance, negative_data_rejection, not_a_server_error],
     )
     assert answer.status_code not in (500, 501, 502), answer.text
+
+
+@pytest.mark.long
+def test_what_a_robot_has_seen_is_confirmed_corrected_or_dismissed_with_a_click(desk: Office) -> None:
+    bus, site = desk.running.bus, desk.dao.site
+    photo = keep(site, encode(np.full((48, 64, 3), 128, np.uint8), ".jpg"))
+    robot = Seen(bus, site.org, "panther1")
+    desk.dao.set_clock(desk.dao.state("chain")["time_s"] + 60)
+    page = desk.page("ada")
+    for number, x_m in enumerate((1.0, 2.0), start=1):
+        size_m = [0.12, 0.07, 0.07]
+        robot.report(Sighting(kind="waste_disposal", x_m=x_m, y_m=1.2, size_m=size_m, photo=photo))
+        # The page hears of it by itself.
+        expect(page.get_by_role("listitem", name=f"Thing {number}")).to_contain_text(f"{x_m:.2f} m east")
+    expect(page.get_by_text("Robots have seen 2 things on the floor")).to_be_visible()
+    first, second = (page.get_by_role("listitem", name=f"Thing {number}") for number in (1, 2))
+    second.get_by_role("button", name="Correct").click()
+    page.get_by_role("button", name="Keep").click()
+    expect(second).to_contain_text("ada: cardboard")
+    second.get_by_role("button", name="Dismiss").click()
+    expect(second).to_have_count(0)
+
+    first.get_by_role("link", name="Confirm").click()
+    there(page, "Post a task")
+    expect(page.get_by_label("East, x (m)")).to_have_value(re.compile(r"1(\.0+)?"))
+    expect(page.get_by_alt_text("The photo of what lies there")).to_be_visible()
+    page.get_by_role("button", name="Without this photo").click()
+    expect(page.get_by_alt_text("The photo of what lies there")).to_have_count(0)
+    page.reload()
+    there(page, "Post a task")
+    expect(page.get_by_alt_text("The photo of what lies there")).to_be_visible()
+    page.get_by_role("button", name="Review and post").click()
+    page.get_by_role("button", name="Pay 100 IEC into escrow").click()
+    there(page, re.compile("^Task "))
+    task_id = int(page.url.rsplit("/", 1)[1])
+    (thing,) = robot.things()
+    assert (thing.state, thing.task_id) == ("posted", task_id)
+    assert [one.what for one in thing.said] == ["confirmed"]
+    desk.dao.command("panther1", "abandon_task", task_id=task_id, attempt=1)
+    desk.cancel(task_id)
+    wait_until(lambda: robot.things() == [])
+    page.close()
