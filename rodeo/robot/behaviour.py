@@ -50,6 +50,11 @@ class Record(Protocol):
         name. Raises NoAnswer."""
         ...
 
+    @property
+    def places(self) -> Mapping[str, tuple[float, float]]:
+        """Where motion capture showed each body last since the recording began: x and y, m."""
+        ...
+
     def await_motion(self, after_s: float, latest_s: float) -> bool:
         """Whether motion capture told by `latest_s` what it saw up to `after_s`, site time; returns when it
         has."""

@@ -346,6 +346,11 @@ class Recording:
         if self._odometry.hole_ns and not self._holes_allowed:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._odometry.hole_ns * 1e-9)
 
+    @property
+    def places(self) -> dict[str, tuple[float, float]]:
+        """Where motion capture showed each body last since the recording began: x and y, m."""
+        return self._arrived.places
+
     def await_witness(self, body: str | None) -> None:
         """Wait until motion capture listed this recording and showed where `body` lies and the robot stands:
         what is moved before proves nothing. A robot that begins beside the item may grasp it without a drive.

@@ -44,6 +44,7 @@ class Grasping:
 
     def __init__(self, robot: Robot) -> None:
         self._body, self._floor, self._memory = robot.body, robot.floor, robot.memory
+        self._items = robot.site.items
         self._announce, self._hand = robot.announce, gripper_body(robot.name)
 
     def take(self, item: ItemConfig | None, place: Point, look_at: Point, work: Work) -> None:
@@ -70,7 +71,12 @@ class Grasping:
             self._take_thing(sighting, work)
 
     def _take_thing(self, sighting: Sighting, work: Work) -> None:
-        """Take what has no markers, and note what it is: its extents, and what it weighs."""
+        """Take what has no markers, and note what it is: its extents, and what it weighs. Raises NotFound for
+        an item that somebody has carried there."""
+        for item in self._items:
+            shown = work.recording.places.get(item.id)
+            if shown is not None and math.dist(shown, sighting.position_m[:2]) <= LISTED_M:
+                raise NotFound("an item of the site lies there, which is a task of its own", item=item.id)
         assert sighting.size_m is not None  # of what is no item it is measured
         self._show("before", work)
         lies = Pose2(x_m=sighting.position_m[0], y_m=sighting.position_m[1])

@@ -30,6 +30,8 @@ NOT_RUN: dict[str, str] = {
     "git clone --depth 1 URL rodeo && cd rodeo": "downloads the project",
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
     "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
+    "rodeo experiment paper --unlisted": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
+    "rodeo seen say 3 dismissed": "needs what a robot has seen: tests/integration/test_console_office.py",
     "rodeo experiment ablation": f"{_MINUTES}: tests/unit/rodeo_experiments tests it",
     "python -m rodeo_cli.lab_picture --site deploy/sites/lab.toml --out docs/images/lab.png": "overwrites it",
     "python -m rodeo_cli.lab_picture --site out/demo/site.toml --recording "

@@ -354,6 +354,7 @@ class Notes:
         self.notes: list[dict[str, Any]] = []
         self.awaited: list[str] = []
         self.pictures: list[str] = []
+        self.places: dict[str, tuple[float, float]] = {}
         self.deaf = 0
         self.motion_s: list[tuple[float, float]] = []
         """From when on motion capture was waited for, and how long."""

@@ -444,6 +444,18 @@ def test_an_item_of_the_site_is_not_taken_for_whatever_lies_at_a_place(scene: Sc
     assert scene.body.held is None
 
 
+def test_an_item_that_somebody_carried_away_is_not_taken_for_whatever_lies_there(scene: Scene) -> None:
+    place = scene.place("item1")
+    scene.cleaning.robot.memory.saw("item1", (6.0, 4.0))
+    scene.record.places["item1"] = place
+    with pytest.raises(TaskFailed, match="an item of the site lies there"):
+        scene.dispose("")
+    assert scene.body.held is None
+    del scene.record.places["item1"]
+    scene.dispose("")
+    assert scene.body.dropped_in == "yellow"
+
+
 def test_a_task_by_place_is_given_back_where_it_cannot_be_proven(scene: Scene) -> None:
     task = cleaning_chain_record(MOMENT, {"x_m": 4.6, "y_m": 1.2}).task
     assert scene.cleaning.weigh(task, scene.body.base).duration_s > 0
