@@ -60,7 +60,7 @@ def say_seen(
     saying = validate(Saying, {"id": thing, "what": what})
     with connected(site) as (loaded, bus):
         told = Seen(bus, loaded.org, who).say(saying.id, saying.what)
-    say(f"Thing {told.id} is {told.state}. It is kept that {who} says: {what}.")
+    say(f"Thing {told.id} is {told.state}. {who} said: {what}.")
 
 
 def _state(one: SeenThing) -> str:

@@ -36,6 +36,7 @@ from rodeo.site.topics import Plane
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal
+from rodeo.witness.poses import pack
 from rodeo.witness.statement import Classification, Drop, Head, Header, Motion, Removal, Scope
 from rodeo.witness.witness import unverified_seal
 from rodeo_testing.assignments import BIN as BIN_KEY
@@ -45,6 +46,8 @@ from tests.support.site import LAB, free_port
 from tests.unit.robot.fakes import BIN, payload_of
 
 SITE = Site.load(LAB)
+PLACE = 4.5, 1.25
+"""Where motion capture shows everything, x and y in m."""
 SCOPE = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization=BINDING.organization)
 
 
@@ -129,12 +132,13 @@ class Lab:
         for head in self.heads if self.lists_heads else ():
             self.mocap.heads.hear(head)
         end_us = round(self.clock.now_s() * 1e6)
+        track = pack(np.zeros(1), np.array([[*PLACE, 0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))
         statement = self.mocap.sign(
             Motion,
             end_us * 1e-6,
             start_us=self.start_us,
             end_us=end_us,
-            tracks=dict.fromkeys(bodies, "AAAA"),
+            tracks=dict.fromkeys(bodies, track),
             resting={},
         )
         self.start_us = end_us
@@ -338,6 +342,7 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
     lab.watch("panther1")
     monkeypatch.setattr(recording_module, "_WITNESS_S", HANG_S)
     session.recording.await_witness("item1")
+    assert session.recording.places == {"item1": pytest.approx(PLACE), "panther1": pytest.approx(PLACE)}
     monkeypatch.setattr(recording_module, "_WITNESS_S", 0.3)
     with pytest.raises(NoAnswer):
         session.recording.await_witness("item2")
