@@ -206,7 +206,7 @@ class DiskFull(RodeoError):
 
 
 class FolderTaken(RodeoError):
-    """A folder that is to be emptied holds what its writer does not know."""
+    """A folder is in use, or holds what its writer does not know and would remove."""
 
 
 class PortUnavailable(RodeoError):

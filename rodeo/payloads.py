@@ -30,7 +30,7 @@ from rodeo.bus.messages import (
     Task,
     Vote,
 )
-from rodeo.bus.seen import Saying, SeenId, Sighting
+from rodeo.bus.seen import Saying, SeenId, SightReport
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.declare import example_of
 from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, PREPARE, SIGN, SIGNED, VOTE
@@ -92,10 +92,9 @@ _TASK = {
 }
 _CLAIMANT = {"device": "panther1", "address": ADDRESS, "recording": DIGEST, "task_id": 7, "attempt": 1}
 _HEAD = {"device": "panther1", "address": ADDRESS, "chain": DIGEST, "index": 12, "digest": BEFORE}
+_CHAIN = {"chain_id": 31337, "task_manager": OTHER, "organization": ADDRESS}
 _HEADER = {
-    "chain_id": 31337,
-    "task_manager": OTHER,
-    "organization": ADDRESS,
+    **_CHAIN,
     "seq": 42,
     "previous": BEFORE,
     "time_s": 1795320100.2,
@@ -106,7 +105,7 @@ _BIN = {"device": "itrash", "claimants": [_CLAIMANT]}
 _FELL = {"compartment": "yellow", "weight_n": 0.294, "after_s": 1795320120.4, "settled_s": 1795320121.1}
 _CHARGE = {"task_id": 8, "attempt": 1, "recording": DIGEST, "begin_wh": 12345.0, "register_wh": 12347.5}
 
-_SIGHTING = {
+_SIGHT_REPORT = {
     "kind": "window_cleaning",
     "x_m": 3.2,
     "y_m": 1.4,
@@ -120,9 +119,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     Head: _HEAD,
     Claimant: _CLAIMANT,
     Binding: {
-        "chain_id": 31337,
-        "task_manager": OTHER,
-        "organization": ADDRESS,
+        **_CHAIN,
         "device": "panther1",
         "task_id": 7,
         "attempt": 1,
@@ -132,9 +129,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     SealHead: {
         "type": "recording.seal",
         "version": 1,
-        "chain_id": 31337,
-        "task_manager": OTHER,
-        "organization": ADDRESS,
+        **_CHAIN,
         "device": "panther1",
         "recording": DIGEST[2:],
         "index": 12,
@@ -177,9 +172,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "correct": True,
     },
     Correction: {
-        "chain_id": 31337,
-        "task_manager": OTHER,
-        "organization": ADDRESS,
+        **_CHAIN,
         "type": "bin.correction",
         "bin": "itrash",
         "image_sha256": DIGEST,
@@ -266,13 +259,13 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "report_uri": "https://store.example/" + "4c" * 32 + ".json",
         "signature": "0x" + "5b" * 64,
     },
-    Sighting: _SIGHTING,
+    SightReport: _SIGHT_REPORT,
     SeenId: {"id": 3},
     Saying: {"id": 3, "what": "metal"},
     queries.Said: _SAID,
     queries.SeenThing: {
         "id": 3,
-        **_SIGHTING,
+        **_SIGHT_REPORT,
         "robot": "panther1",
         "first_s": 1795320000.0,
         "last_s": 1795320100.0,
@@ -436,10 +429,10 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     ),
     (
         "What robots see on the floor",
-        f"`{topics.SIGHT.key}`: a robot sends a Sighting to `report` and a SeenId to `gone`, both in its own "
-        "name, and a person a Saying to `say`. The answer is the SeenThing. The bridge also publishes it, on "
-        f"`{topics.SEEN.key}`, when it changes.",
-        (Sighting, SeenId, Saying, queries.SeenThing, queries.Said),
+        f"`{topics.SIGHT.key}`: a robot sends a SightReport to `report` and a SeenId to `gone`, both in its "
+        "own name, and a person a Saying to `say`. The answer is the SeenThing. The bridge also publishes "
+        f"it, on `{topics.SEEN.key}`, when it changes.",
+        (SightReport, SeenId, Saying, queries.SeenThing, queries.Said),
     ),
     (
         "Heartbeats",

@@ -27,6 +27,7 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.layout import Row
 from rodeo_cli.pooling import TLS, PoolOption, TlsOption, TrustOption, engine
+from rodeo_cli.site import stop_on_signals
 
 if TYPE_CHECKING:
     from rodeo.chain.deployment import Deployment
@@ -42,13 +43,14 @@ _SHOWN = 100
 @reports_errors
 def audit(
     site: SiteOption = DEFAULT_SITE,
-    first: Annotated[int, typer.Option("--from", help="First block of rulings.", metavar="BLOCK")] = 0,
+    first: Annotated[int, typer.Option("--from", min=0, help="First block of rulings.", metavar="BLOCK")] = 0,
     last: Annotated[
         int | None,
-        typer.Option("--to", help="Last block of rulings; by default the newest.", metavar="BLOCK"),
+        typer.Option("--to", min=0, help="Last block of rulings; by default the newest.", metavar="BLOCK"),
     ] = None,
     sample: Annotated[
-        int | None, typer.Option(min=1, help="Judge so many verdicts again, chosen by chance.")
+        int | None,
+        typer.Option(min=1, help="Judge so many verdicts again, chosen by the last block's hash."),
     ] = None,
     deployment: Annotated[
         Path | None,
@@ -76,19 +78,20 @@ def audit(
     """
     from rodeo_cli.auditing.page import conclusions, page
 
+    stop_on_signals()
     loaded = Site.load(site)
     contracts = _deployment(loaded, deployment)
     make_folder(folder)
     elsewhere = partial(engine, pool, loaded, tls=tls, trust=trust_pool)
     summary = examine(loaded, contracts, folder, first, last, sample, elsewhere)
-    if report is not None:
-        write_file(report, page(summary))
     if as_json:
         print_json(summary.to_json())
     else:
         _print(summary)
         for sentence in conclusions(summary):
             say(sentence)
+    if report is not None:  # last: where it cannot be written, what was found is not lost
+        write_file(report, page(summary))
     if not summary.is_clean:
         raise typer.Exit(1)
     if summary.failed:
@@ -122,7 +125,7 @@ def examine(
     """Read the chain, judge again and compare. `elsewhere` makes the engine to use before that of this
     machine.
 
-    Raises ChainError, StoreUnavailable, VerifierEnded.
+    Raises RequestError, ChainError, IndexUnusable, StoreUnavailable, VerifierEnded.
     """
     from rodeo.jobs.local import Local
     from rodeo.jobs.proofs import Verify
@@ -138,14 +141,14 @@ def examine(
         reading = tell("reading the chain", None)
         history = History(site, deployment, folder, reading)
         try:
-            newest = history.block if last is None else min(last, history.block)
+            newest = history.last_of(first, last)
             attempts = history.attempts(first, newest)
             if sample is None:
                 known = sum(1 for _ in attempts)
                 attempts = history.attempts(first, newest)
             else:
-                # Nobody knew the block's hash when the verdicts were given.
-                chosen, known = sampled(attempts, sample, history.block_hash)
+                # Nobody knew the block's hash when the verdicts before it were given.
+                chosen, known = sampled(attempts, sample, history.block_hash(newest))
                 attempts = iter(chosen)
             judging = tell("judging again", min(known, sample or known))
             verdicts: list[Verdict] = []
@@ -178,7 +181,7 @@ Tell = Callable[[int, int], None]
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int | None], Tell]]:
-    """Bars with the time left, on stderr, where that is a terminal."""
+    """Bars with the time left, on stderr, where that is a terminal; Ctrl-C says how far they got."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeRemainingColumn())
@@ -188,7 +191,13 @@ def _progress() -> Iterator[Callable[[str, int | None], Tell]]:
             bar = bars.add_task(what, total=total)
             return lambda done, of: bars.update(bar, completed=done, total=total if total is not None else of)
 
-        yield begin
+        try:
+            yield begin
+        except KeyboardInterrupt:
+            for bar in bars.tasks[-1:]:
+                far = f"{bar.description}: {bar.completed:g} of {bar.total or 0:g}"
+                errors.print(f"stopped; {far}. The same command continues.", highlight=False, soft_wrap=True)
+            raise
 
 
 def _print(summary: Summary) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 import sys
 import threading
@@ -76,6 +77,12 @@ INSTALLED_SITE = Path(deploy.__file__).parent / "sites" / "installed.toml"
 DEFAULT_SITE = CHECKOUT_SITE if CHECKOUT_SITE.exists() else INSTALLED_SITE
 DEFAULT_SITE_SHOWN = f"{CHECKOUT_SITE}, or without it the installed lab"
 """Default shown by --help: the same text in a checkout and elsewhere."""
+
+
+def usual_site() -> Path:
+    """The site file of a command without --site."""
+    return Path(os.environ.get("RODEO_SITE") or DEFAULT_SITE)
+
 
 SiteOption = Annotated[
     Path,

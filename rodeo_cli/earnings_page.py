@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 from rodeo.display.earnings import COLUMNS, Line, cells, sums
-from rodeo_cli.html import document, table
+from rodeo_cli.html import document, table, text
 
 _TEXT_COLUMNS = 3
 _WIDTH, _LEFT, _RIGHT, _ROW = 900, 240, 90, 44
@@ -16,12 +15,12 @@ _GREEN, _RED = "#1a7f4b", "#b3261e"
 def page(lines: Sequence[Line], org: str) -> str:
     """The page of the organization `org`."""
     totals = sums(lines)
-    body = [f"<h1>What participants of {escape(org)} earned and spent</h1>"]
+    body = [f"<h1>What participants of {text(org)} earned and spent</h1>"]
     if lines:
         weeks = sorted({one.week for one in lines})
         span = f"the week from {weeks[0]}" if len(weeks) == 1 else f"the weeks from {weeks[0]} to {weeks[-1]}"
         body += [
-            f'<p class="soft">{escape(span.capitalize())} (Monday, UTC). Amounts are in IEC. Energy is '
+            f'<p class="soft">{text(span.capitalize())} (Monday, UTC). Amounts are in IEC. Energy is '
             "what was ordered, at the site's tariffs. Gas is that of the transactions which a participant "
             "signed.</p>",
             "<h2>By participant</h2>",
@@ -52,7 +51,7 @@ def _bars(totals: Sequence[Line]) -> str:
             if len(one.participant) <= 30
             else f"{one.participant[:14]}…{one.participant[-6:]}"
         )
-        drawn.append(f'<text x="{_LEFT - 10}" y="{top + 22}" text-anchor="end">{escape(name)}</text>')
+        drawn.append(f'<text x="{_LEFT - 10}" y="{top + 22}" text-anchor="end">{text(name)}</text>')
         for amount, y, colour in ((one.earned_iec, top, _GREEN), (one.spent_iec, top + 18, _RED)):
             length = (_WIDTH - _LEFT - _RIGHT) * float(amount) / most
             drawn.append(

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 import deploy
 from rodeo.errors import InvalidRequest
 from rodeo.site.config import Site
-from rodeo_cli.common import console, reports_errors, say
+from rodeo_cli.common import console, reports_errors, say, usual_site
 from rodeo_cli.pooling import TLS, PoolOption, TlsOption, TrustOption, engine
 from rodeo_cli.site import stop_on_signals
 
@@ -116,7 +116,9 @@ def paper(
     try:
         if studied:
             study = Study(site, out, vary, arrivals, seeds, changes or (), calibrated)
-            problems = study.run(partial(engine, pool, Site.load(site), tls=tls, trust=trust_pool))
+            # A study makes its own keys; those that a worker must not read are the lab's here.
+            elsewhere = partial(engine, pool, Site.load(site), tls=tls, trust=trust_pool, beside=usual_site())
+            problems = study.run(elsewhere)
         else:
             problems = _run(site, out, vary, arrivals, resume, calibrated)
     except KeyboardInterrupt:

@@ -252,20 +252,11 @@ def rules(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     """
     with connected(site) as (loaded, bus):
         kinds = queries.ask(bus, loaded.org, queries.ORGANIZATION).kinds
-        needed: Counter[tuple[str, str]] = Counter()
-        offset, total = 0, 1
-        while offset < total:
-            page = queries.ask(
-                bus,
-                loaded.org,
-                queries.TASKS,
-                state=",".join(LIVE_STATES),
-                order="oldest",
-                limit=queries.MAX_PAGE,
-                offset=offset,
-            )
-            needed.update((task.kind, task.rules_sha256) for task in page.tasks if task.rules_sha256)
-            offset, total = offset + queries.MAX_PAGE, page.total
+        live: dict[str, Any] = {"state": ",".join(LIVE_STATES), "order": "oldest", "limit": queries.MAX_PAGE}
+        tasks = queries.entries(
+            lambda offset: queries.ask(bus, loaded.org, queries.TASKS, offset=offset, **live).tasks
+        )
+    needed = Counter((task.kind, task.rules_sha256) for task in tasks if task.rules_sha256)
     current = [(kind.kind, one) for kind in kinds for one in kind.rules_sha256]
     newest = {(kind.kind, kind.rules_sha256[-1]) for kind in kinds if kind.rules_sha256}
     entries = [

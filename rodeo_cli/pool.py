@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+import socket
+from typing import Annotated, Any
 
 import typer
 
 from rodeo.display.formatting import count
+from rodeo.site.config import Site
 from rodeo_cli.common import DEFAULT_SITE, SiteOption, reports_errors, say
-from rodeo_cli.pooling import TLS, TlsOption
+from rodeo_cli.pooling import TLS, TlsOption, over_tls
 
 pool = typer.Typer(help="Run a pool of machines for audits and studies.", no_args_is_help=True)
 
-WorkersOption = Annotated[
-    int | None, typer.Option(min=0, max=256, help="Number of workers.", show_default="one for each core")
-]
+
+def _number(least: int) -> Any:
+    return typer.Option(min=least, max=256, help="Number of workers.", show_default="one for each core")
 
 
 @pool.command()
 @reports_errors
 def start(
-    workers: WorkersOption = None,
+    workers: Annotated[int | None, _number(0)] = None,
     host: Annotated[str, typer.Option(help="Address of this machine to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 is any free one.")] = 8786,
     tls: TlsOption = TLS,
@@ -36,6 +38,7 @@ def start(
     """
     from rodeo_pool.serving import Pool, cores
 
+    Site.load(site)  # workers would only fail at their first job
     number = cores() if workers is None else workers
 
     def started(address: str) -> None:
@@ -43,14 +46,17 @@ def start(
         files = f"ca.pem, worker.pem and worker.key of {tls}"
         say(f"Another machine joins with {files}: rodeo pool worker {address}")
 
-    asyncio.run(Pool(tls, site, host, port, number, dashboard).serve(started))
+    asyncio.run(Pool(tls, site, host, port, number, dashboard).serve(started, say))
 
 
 @pool.command()
 @reports_errors
 def worker(
-    address: Annotated[str, typer.Argument(help="The pool's address, tls://HOST:PORT.", metavar="ADDRESS")],
-    workers: WorkersOption = None,
+    address: Annotated[
+        str,
+        typer.Argument(callback=over_tls, help="The pool's address, tls://HOST:PORT.", metavar="ADDRESS"),
+    ],
+    workers: Annotated[int | None, _number(1)] = None,
     tls: TlsOption = TLS,
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
@@ -61,6 +67,7 @@ def worker(
     """
     from rodeo_pool.serving import cores, join
 
+    Site.load(site)
     number = cores() if workers is None else workers
-    joined = f"{count(number, 'worker')} of this machine joined {address}."
+    joined = f"{count(number, 'worker')} of {socket.gethostname()} joined {address}."
     asyncio.run(join(tls, site, address, number, lambda: say(joined)))

@@ -148,8 +148,8 @@ def _record(site: Path, file: Path, offline: bool) -> ChainRecord | None:
     """What the running site's chain says of the proof, if there is one."""
     if offline:
         return None
-    from rodeo_cli.verify import chain_view, warn
+    from rodeo_cli.verify import chain_views, warn
 
-    known = chain_view(site, file)
+    known = chain_views(site, [file])[file]
     warn(known.warnings)
     return known.chain_record

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -98,21 +97,14 @@ def _known(path: Path) -> tuple[list[Task], list[Transaction], Site]:
             def ask(query: queries.Query[Any], limit: int, offset: int) -> Any:
                 return queries.ask(bus, site.org, query, timeout_s=30.0, limit=limit, offset=offset)
 
-            tasks = _all(lambda offset: ask(queries.TASKS, queries.MAX_PAGE, offset).tasks)
-            transactions = _all(lambda offset: ask(queries.TRANSACTIONS, 100, offset).transactions)
+            tasks = queries.entries(lambda offset: ask(queries.TASKS, queries.MAX_PAGE, offset).tasks)
+            transactions = queries.entries(lambda offset: ask(queries.TRANSACTIONS, 100, offset).transactions)
     except (BusUnavailable, NoResponder):
         from services.bridge.offline import read  # takes its time to import
 
         tasks, transactions = read(site)
         errors.print("The bridge does not run: this is what it had indexed when it stopped.", style="dim")
     return tasks, transactions, site
-
-
-def _all(page: Callable[[int], list[Any]]) -> list[Any]:
-    found: list[Any] = []
-    while some := page(len(found)):
-        found += some
-    return found
 
 
 def _time_s(day: datetime | None, otherwise: float) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rodeo.display.formatting import count
+from rodeo.host.files import writing
 from rodeo.jobs.job import Engine, Work
 from rodeo.jobs.local import Local
 from rodeo.jobs.runner import Done, Runner
@@ -63,7 +64,8 @@ class Study:
             raise ExperimentFailed("no run reached its end", problems=failed)
         names = list(dict.fromkeys(setting for setting, _ in planned.values()))
         found.sort(key=lambda one: (names.index(one.setting), one.run.seed))
-        write_study(found, self.out)
+        with writing(self.out):
+            write_study(found, self.out)
         return failed + [f"seed {one.run.seed}: {text}" for one in found for text in one.problems]
 
     def _planned(self) -> Iterator[tuple[str, Asked]]:

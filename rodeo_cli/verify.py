@@ -17,7 +17,8 @@ from rodeo.bus import queries
 from rodeo.display.formatting import (
     count,
 )
-from rodeo.errors import BusError, RemoteError
+from rodeo.errors import BusError, InvalidRequest, RemoteError
+from rodeo.jobs.job import JobError
 from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -34,6 +35,7 @@ from rodeo_cli.pooling import TLS, PoolOption, TlsOption, TrustOption, engine
 from rodeo_cli.task_words import judged_by
 
 if TYPE_CHECKING:
+    from rodeo.bus.session import Bus
     from rodeo.checks.report import Report
     from rodeo.jobs.job import Engine, Work
     from services.oracle.chain_view import View
@@ -66,28 +68,38 @@ def verify(
     if there is one; what came later is a warning. Without a running site that is skipped, with a warning.
     With --json several files give a list.
     """
-    loaded, found = Site.load(site), []
+    loaded, found, failed = Site.load(site), [], list[JobError]()
     elsewhere = partial(engine, pool, loaded, tls=tls, trust=trust_pool)
     for file, known, report in _verified(loaded, site, files, offline, elsewhere):
-        task = known.chain_record and known.chain_record.task
-        if task and task.rules_sha256 != report.rules_sha256:
-            named = task.rules_sha256 or "none"
-            known.warnings.append(
-                f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
-            )
-        warn(known.warnings)
-        found.append(report.model_dump(mode="json") | {"warnings": known.warnings})
+        name = printable(str(file))
+        if len(files) > 1 and not as_json:
+            console.print(f"[bold]{escape(name)}[/]", highlight=False, soft_wrap=True)
+        if isinstance(report, JobError):
+            failed.append(report)
+            errors.print(f"{name}: {report}\n{report.log}", markup=False, highlight=False, soft_wrap=True)
+            found.append({"file": name, "outcome": None, "error": str(report)})
+            continue
+        warnings = [*known.warnings, *_other_rules(known, report)]
+        warn(warnings)
+        found.append({"file": name} | report.model_dump(mode="json") | {"warnings": warnings})
         if as_json:
             continue
-        if len(files) > 1:
-            console.print(f"[bold]{escape(printable(str(file)))}[/]", highlight=False, soft_wrap=True)
         for line in check_lines(report, console.width, verbose):
             console.print(line, soft_wrap=True)
         console.print(_conclusion(site, report, offline), highlight=False, soft_wrap=True)
     if as_json:
         print_json(found[0] if len(files) == 1 else found)
+    if failed:
+        raise failed[0]
     if any(one["outcome"] != "accepted" for one in found):
         raise typer.Exit(1)
+
+
+def _other_rules(known: View, report: Report) -> Iterator[str]:
+    task = known.chain_record and known.chain_record.task
+    if task and task.rules_sha256 != report.rules_sha256:
+        named = task.rules_sha256 or "none"
+        yield f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
 
 
 def _verified(
@@ -96,10 +108,11 @@ def _verified(
     files: Sequence[Path],
     offline: bool,
     elsewhere: Callable[[Sequence[Work]], Engine | None],
-) -> Iterator[tuple[Path, View, Report]]:
-    """Each file, what the chain knows of it, and the report on it, in the order in which they are named.
+) -> Iterator[tuple[Path, View, Report | JobError]]:
+    """Each file, what the chain knows of it, and the report on it or why there is none, in the order in which
+    they are named.
 
-    Raises JobError.
+    Raises InvalidRequest.
     """
     # Imported here: only this command needs the readers of recordings.
     from rodeo.checks.report import Report
@@ -108,17 +121,17 @@ def _verified(
     from rodeo.jobs.runner import Runner
     from services.oracle.chain_view import View
 
-    known = {file: View(None, []) if offline else chain_view(site_path, file) for file in files}
-    reports: dict[Path, Report] = {}
+    for file in files:
+        if not (file.is_file() or file.is_dir()):
+            raise InvalidRequest("this is neither a file nor a folder", path=str(file))
+    known = {file: View(None, []) for file in files} if offline else chain_views(site_path, files)
+    reports: dict[Path, Report | JobError] = {}
     with tempfile.TemporaryDirectory() as folder:
         verifying = Verify(site, Path(folder, "verifying"))
         with Runner(Local([verifying]), elsewhere([verifying]), folder=Path(folder, "answers")) as runner:
             for done in runner.run(verifying.file(file, known[file].chain_record) for file in known):
-                if done.error is not None:
-                    errors.print(done.error.log, markup=False, highlight=False, soft_wrap=True)
-                    raise done.error
-                assert done.answer is not None and done.job.file is not None
-                reports[done.job.file] = Report.model_validate_json(done.answer)
+                assert done.job.file is not None
+                reports[done.job.file] = done.error or Report.model_validate_json(done.answer or b"")
     for file in files:
         yield file, known[file], reports[file]
 
@@ -183,13 +196,22 @@ def warn(warnings: list[str]) -> None:
         errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
 
 
-def chain_view(site_path: Path, file: Path) -> View:
-    """The running site's view of a proof; if no bridge answers, a warning about that."""
+def chain_views(site_path: Path, files: Sequence[Path]) -> dict[Path, View]:
+    """The running site's view of each proof; if no bridge answers, a warning about that."""
     from rodeo.dao import ORGANIZATION, Participant
     from services.oracle.chain_view import View, view
 
+    def unknown(error: BusError | RemoteError) -> View:
+        return View(None, [f"skipping the checks that need the chain: {error}"])
+
+    def known(file: Path, site: Site, bus: Bus) -> View:
+        try:
+            return view(file, site, Participant(bus, site.org, ORGANIZATION))
+        except (BusError, RemoteError) as error:
+            return unknown(error)
+
     try:
         with connected(site_path) as (site, bus):
-            return view(file, site, Participant(bus, site.org, ORGANIZATION))
+            return {file: known(file, site, bus) for file in files}
     except (BusError, RemoteError) as error:
-        return View(None, [f"skipping the checks that need the chain: {error}"])
+        return {file: unknown(error) for file in files}

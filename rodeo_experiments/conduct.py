@@ -33,7 +33,7 @@ from rodeo_experiments.arrivals import day_begins_s
 from rodeo_experiments.errors import ExperimentFailed
 from rodeo_experiments.fallen import with_fallen
 from rodeo_experiments.lab import Lab
-from rodeo_experiments.people import OVER, Agenda, Board, People, Plan, paged
+from rodeo_experiments.people import OVER, Agenda, Board, People, Plan
 from rodeo_experiments.progress import Journal
 from rodeo_experiments.record import Heard, Run
 
@@ -225,10 +225,10 @@ class Conduct:
         progress, meters = self._journal.progress, self._journal.meters
         status = self._bus.query(topics.STATUS.name(org=site.org, process="robot_sim"), timeout_s=30.0)
         tasks = board.tasks()
-        transfers = paged(
+        transfers = queries.entries(
             lambda offset: board.ask(queries.TRANSFERS, limit=queries.MAX_PAGE, offset=offset).transfers
         )
-        transactions = paged(
+        transactions = queries.entries(
             lambda offset: board.ask(queries.TRANSACTIONS, limit=100, offset=offset).transactions
         )
         minted = sum((one.amount_iec for one in transfers if one.reason == "mint"), Decimal(0))

@@ -110,7 +110,7 @@ class Board:
 
     def tasks(self) -> list[Any]:
         """All, the oldest first."""
-        return paged(
+        return queries.entries(
             lambda offset: (
                 self.ask(queries.TASKS, order="oldest", limit=queries.MAX_PAGE, offset=offset).tasks
             )
@@ -118,7 +118,7 @@ class Board:
 
     def seen(self) -> list[queries.SeenThing]:
         """What robots have found, and what is a task or was one."""
-        return paged(
+        return queries.entries(
             lambda offset: (
                 self.ask(queries.SEEN, state="posted,gone", limit=queries.MAX_PAGE, offset=offset).things
             )
@@ -126,14 +126,6 @@ class Board:
 
     def ask(self, query: queries.Query[Any], **parameters: Any) -> Any:
         return queries.ask(self.bus, self._org, query, timeout_s=60.0, **parameters)
-
-
-def paged(page: Callable[[int], list[Any]]) -> list[Any]:
-    """All entries of an answer that comes in pages; `page(offset)` asks for one."""
-    found: list[Any] = []
-    while some := page(len(found)):
-        found += some
-    return found
 
 
 @dataclass

@@ -31,7 +31,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rodeo.errors import ConfigError, Interrupted, unreadable
 from rodeo.host.files import replace_file
-from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers
+from rodeo.host.instance import lock_instance
+from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers, tail
 from rodeo.runtime.process import die_with
 from rodeo.site.config import Site, read_tables
 from rodeo.site.endpoint import free_port
@@ -46,10 +47,13 @@ _PACKAGES = ("rodeo", "rodeo_kinds", "services", "deploy", "rodeo_experiments")
 _LIBRARIES = ("mujoco", "numpy", "eclipse-zenoh", "py-evm")
 _RUN_BYTES = 64 << 20
 """Size of the largest record of a run."""
-_LOG_BYTES = 64 << 10
 _LOOK_S = 0.5
 _END_S = 60.0
 """Wall time for a site's end before it is killed."""
+ASKED = "asked.json"
+"""The file that tells a run's child what was asked."""
+_OWN = ("clock.seed", "chain.url", "data_dir", "extends")
+"""Settings of which each run has its own value."""
 
 
 @cache
@@ -70,13 +74,17 @@ def settings(texts: Sequence[str]) -> list[dict[str, Any]]:
 
     Raises ExperimentFailed.
     """
-    named = []
+    named: dict[str, list[Any]] = {}
     for text in texts:
         name, equals, values = text.partition("=")
         if not (name and equals and values):
             raise ExperimentFailed("write a setting as name=value,value", found=text)
-        named.append([(name, value) for value in _read(values)])
-    return [dict(one) for one in itertools.product(*named)]
+        if any(f"{own}.".startswith(f"{name}.") for own in _OWN):
+            raise ExperimentFailed(f"each run has its own {', '.join(_OWN)}: see --seeds", found=text)
+        if name in named:
+            raise ExperimentFailed("a setting is named twice: write name=value,value", found=text)
+        named[name] = _read(values)
+    return [dict(zip(named, one, strict=True)) for one in itertools.product(*named.values())]
 
 
 def _read(values: str) -> list[Any]:
@@ -104,13 +112,19 @@ class Asked(BaseModel):
 
     @classmethod
     def of(cls, base: Path, vary: Variation, changes: dict[str, Any], source: str) -> Self:
-        """A run of the site file `base`, varied, with `changes` by the names of settings. Raises ConfigError,
-        ExperimentFailed."""
+        """A run of the site file `base`, varied, with `changes` by the names of settings. Raises ConfigError
+        for the file, and ExperimentFailed for what is changed in it."""
         with tempfile.TemporaryDirectory() as folder:
-            tables = json.loads(json.dumps(read_tables(write_site(base, Path(folder), vary)), default=str))
+            tables = read_tables(write_site(base, Path(folder), vary))
             for name, value in changes.items():
                 _change(tables, name, value)
-            site = Site.load(_write(tables, Path(folder)))
+            tables = json.loads(json.dumps(tables, default=str))
+            try:
+                site = Site.load(_write(tables, Path(folder)))
+            except ConfigError as error:
+                raise ExperimentFailed(
+                    "the site is not valid with these settings", problem=_problem(error), **changes
+                ) from error
         assert site.experiment is not None
         for table, name in ((tables, "data_dir"), (tables["chain"], "url")):
             table.pop(name, None)
@@ -145,15 +159,13 @@ class Runs:
                 raise WorkerDiffers(f"this worker has another {name} than the run asks for")
         folder = self._folder / job.key[:16]
         folder.mkdir(parents=True, exist_ok=True)
-        if not (folder / "site.toml").exists():
-            replace_file(folder / "asked.json", asked.model_dump_json())
-            _write(asked.tables, folder)
+        replace_file(folder / ASKED, asked.model_dump_json())
         record = folder / "run.json"
         status = _conduct(folder, stop)
         if stop.is_set() and not record.exists():
             raise Interrupted("stopped while a run was conducted", job=job.key)
         if not record.exists():
-            raise JobFailed("the run did not reach its end", log=_tail(folder / "log"), exit_status=status)
+            raise JobFailed("the run did not reach its end", log=tail(folder / "log"), exit_status=status)
         answer = gzip.compress(record.read_bytes(), mtime=0)
         shutil.rmtree(folder)
         return answer
@@ -168,6 +180,9 @@ class Runs:
 
     def doubt(self, _answer: bytes) -> str:
         return ""
+
+    def close(self) -> None:
+        """A run's processes ended with it."""
 
 
 def record_of(answer: bytes) -> Run:
@@ -192,12 +207,18 @@ def _here() -> dict[str, Any]:
     }
 
 
+def _problem(error: ConfigError) -> str:
+    """What is wrong, without the site file that was written for a moment."""
+    fields = error.details.get("fields")
+    return "; ".join(f"{name}: {text}" for name, text in fields.items()) if fields else error.message
+
+
 def _change(table: Any, name: str, value: Any) -> None:
-    """Set `a.b` in a table, or in each table of a list. Raises ConfigError."""
+    """Set `a.b` in a table, or in each table of a list. Raises ExperimentFailed."""
     first, _, rest = name.partition(".")
     for one in table if isinstance(table, list) else [table]:
         if not isinstance(one, dict):
-            raise ConfigError("no such setting: it is no table", setting=name)
+            raise ExperimentFailed("no such setting: it is no table", setting=name)
         if rest:
             _change(one.setdefault(first, {}), rest, value)
         else:
@@ -213,6 +234,15 @@ def _write(tables: dict[str, Any], folder: Path) -> Path:
     path = folder / "site.toml"
     replace_file(path, "".join(f"{name} = {toml(value)}\n" for name, value in (tables | own).items()))
     return path
+
+
+def begin(folder: Path) -> tuple[Path, list[float]]:
+    """Site file and arrivals of the run in `folder`.
+
+    A run that continues has a new port for its chain: others may have taken the first one meanwhile.
+    """
+    asked = Asked.model_validate_json((folder / ASKED).read_bytes())
+    return _write(asked.tables, folder), asked.times_s
 
 
 def _conduct(folder: Path, stop: threading.Event) -> int:
@@ -237,17 +267,14 @@ def _conduct(folder: Path, stop: threading.Event) -> int:
         return child.wait()
 
 
-def _tail(log: Path) -> str:
-    return log.read_bytes()[-_LOG_BYTES:].decode(errors="replace")
-
-
 def _child(folder: Path) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)
     die_with(os.getppid(), signal.SIGTERM)
-    asked = Asked.model_validate_json((folder / "asked.json").read_bytes())
+    lock_instance(folder, _END_S)  # the child of a command that was killed may still be ending
+    site, times_s = begin(folder)
     said_s = 0.0
 
     def say(text: str, share: float) -> None:
@@ -256,7 +283,7 @@ def _child(folder: Path) -> None:
             said_s = time.monotonic()
             print(f"{100 * share:3.0f} % {text}", flush=True)
 
-    Conduct(folder / "site.toml", asked.times_s, folder, say).run().save(folder / "run.json")
+    Conduct(site, times_s, folder, say).run().save(folder / "run.json")
 
 
 if __name__ == "__main__":

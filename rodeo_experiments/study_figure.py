@@ -26,9 +26,9 @@ def draw(
         axes = figure.subplots()
         for y, (name, values, middle, interval) in enumerate(reversed(rows)):
             paper = reported[name]
-            axes.plot([one / paper for one in values], [y] * len(values), "o", color=LIGHT, markersize=5)
             if interval is not None:
                 axes.plot([one / paper for one in interval], [y, y], color=WORK, linewidth=3)
+            axes.plot([one / paper for one in values], [y] * len(values), "o", color=LIGHT, markersize=5)
             axes.plot([middle / paper], [y], "|", color=WORK, markersize=14, markeredgewidth=2)
         axes.axvline(1.0, color=RED, linewidth=1)
         axes.text(1.0, len(rows) - 0.5, " the paper", color=RED, fontsize=8, va="top")

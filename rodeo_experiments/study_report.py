@@ -59,17 +59,18 @@ def write_study(found: Sequence[Found], folder: Path) -> None:
     settings = {one.setting: None for one in found}
     for number, setting in enumerate(settings, start=1):
         runs = [one for one in found if one.setting == setting]
-        values = _values(runs)
+        values, reported = _values(runs), paper.reported(runs[0].run.days)
         drawn = [
             (name, values[name], statistics.median(values[name]), interval(values[name]))
-            for name in paper.REPORTED
+            for name in reported
             if name in values
         ]
-        draw(drawn, paper.REPORTED, folder / "figures" / f"setting_{number}.svg")
+        draw(drawn, reported, folder / "figures" / f"setting_{number}.svg")
         lines += [f"## {setting or _SITES_OWN}", "", _seeds(runs), ""]
         lines += [f"![setting_{number}](figures/setting_{number}.svg)", "", _CAPTION, ""]
         heads = ("name", "paper", "median", "95 % interval of the median", "range")
-        lines += [*table_lines(heads, map(_row, values.items())), ""]
+        rows = (_row(name, one, reported.get(name)) for name, one in values.items())
+        lines += [*table_lines(heads, rows), ""]
     if wrong := [
         f"- seed {one.run.seed}, {one.setting or _SITES_OWN}: {text}"
         for one in found
@@ -94,8 +95,9 @@ _CAPTION = (
 
 def _summary(found: Sequence[Found]) -> str:
     kept = all(one.results["supply_conserved"] is True for one in found)
+    days = " or ".join(count(one, "site day") for one in sorted({one.run.days for one in found}))
     return (
-        f"{count(len(found), 'run')} of {count(found[0].run.days, 'site day')}. The supply of IEC was "
+        f"{count(len(found), 'run')} of {days}. The supply of IEC was "
         f"conserved in {'each' if kept else 'not each'} of them. The intervals tell of seeds only: room, "
         "make of robot and simulator are the same in all."
     )
@@ -116,9 +118,8 @@ def _values(runs: Sequence[Found]) -> dict[str, list[float]]:
     return found
 
 
-def _row(named: tuple[str, list[float]]) -> tuple[str, ...]:
-    name, values = named
-    reported, ends = paper.REPORTED.get(name), interval(values)
+def _row(name: str, values: list[float], reported: float | None) -> tuple[str, ...]:
+    ends = interval(values)
     return (
         name,
         "" if reported is None else f"{reported:g}",

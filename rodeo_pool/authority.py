@@ -15,16 +15,22 @@ from distributed import Security
 
 from deploy.authority import issue, make_authority
 from rodeo.site.tls import Identity
-from rodeo_pool.errors import PoolFilesMissing
+from rodeo_pool.errors import PoolFilesDamaged, PoolFilesMissing
 
 Role = Literal["client", "scheduler", "worker"]
 
 
 def ensure(folder: Path) -> None:
-    """Make what is missing in `folder`; nothing where the authority's private key is not."""
+    """Make what is missing in `folder`; nothing where the authority's private key is not. Raises
+    PoolFilesDamaged."""
     authority = Identity.within(folder, "ca")
-    if not authority.authority.exists():
-        make_authority(authority, "pool authority")
+    try:
+        if not authority.authority.exists():
+            make_authority(authority, "pool authority")
+    except OSError as error:
+        raise PoolFilesDamaged(
+            "the pool's certificates cannot be made there", folder=str(folder), reason=str(error)
+        ) from error
     if not authority.key.exists():
         return
     for role in get_args(Role):
@@ -35,7 +41,7 @@ def ensure(folder: Path) -> None:
 
 
 def security(folder: Path, role: Role) -> Security:
-    """What a party of that role shows and asks for. Raises PoolFilesMissing."""
+    """What a party of that role shows and asks for. Raises PoolFilesMissing, PoolFilesDamaged."""
     files = Identity.within(folder.absolute(), role)
     for path in (files.authority, files.certificate, files.key):
         if not path.exists():
@@ -43,6 +49,15 @@ def security(folder: Path, role: Role) -> Security:
                 "a file of the pool is missing: `rodeo pool start` makes it, copy it from there",
                 path=str(path),
             )
+    try:
+        ssl.create_default_context(cafile=files.authority).load_cert_chain(files.certificate, files.key)
+    except OSError as error:
+        raise PoolFilesDamaged(
+            "the pool's certificates cannot be read, or are not made for each other: copy them again",
+            folder=str(files.authority.parent),
+            role=role,
+            reason=str(error),
+        ) from error
     shown = {f"tls_{role}_cert": str(files.certificate), f"tls_{role}_key": str(files.key)}
     return Security(
         require_encryption=True,

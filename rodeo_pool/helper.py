@@ -16,8 +16,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import IO
 
-from rodeo.errors import Interrupted
-from rodeo.jobs.job import Job, JobError, WorkerDiffers
+from rodeo.errors import Interrupted, RodeoError
+from rodeo.jobs.job import Job, WorkerDiffers
 from rodeo.jobs.local import Local
 from rodeo_pool.wire import Answer, Failure, Question, packed, read
 
@@ -45,10 +45,10 @@ def serve(local: Local, questions: IO[bytes], answers: IO[bytes], scratch: Path)
     while (message := asked.get()) is not None:
         try:
             reply = packed(Answer(), _do(local, *message, scratch, stop))
-        except JobError as error:
-            reply = packed(Answer(failure=Failure.of(error)))
         except Interrupted:
             return
+        except RodeoError as error:
+            reply = packed(Answer(failure=Failure.of(error)))
         answers.write(reply)
         answers.flush()
 

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import signal
+import socket
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
@@ -16,7 +17,9 @@ from typing import Any
 import dask
 from distributed import Nanny, Scheduler
 from distributed.core import connect
+from distributed.diagnostics.plugin import SchedulerPlugin
 
+from rodeo.display.formatting import count
 from rodeo_pool.authority import ensure, security
 from rodeo_pool.errors import NoDashboard, PoolUnavailable
 from rodeo_pool.work import SITE_VARIABLE
@@ -47,31 +50,60 @@ class Pool:
     dashboard: bool = False
     silent_s: float = _SILENT_S
 
-    async def serve(self, started: Callable[[str], None]) -> None:
-        """Call `started` with the pool's address once its workers have joined; ends at a signal.
+    async def serve(self, started: Callable[[str], None], say: Callable[[str], None]) -> None:
+        """Call `started` with the pool's address once its workers have joined, then `say` who joins and who
+        leaves; ends at a signal.
 
-        Raises NoDashboard, and OSError where it cannot listen.
+        Raises NoDashboard, and PoolUnavailable where it cannot listen.
         """
         if self.dashboard and find_spec("bokeh") is None:
             raise NoDashboard("the dashboard needs bokeh: pip install bokeh")
         ensure(self.folder)
         with _settings(self.silent_s, self.dashboard):
-            await _until_a_signal(self._serve(started))
+            await _until_a_signal(self._serve(started, say))
 
-    async def _serve(self, started: Callable[[str], None]) -> None:
+    async def _serve(self, started: Callable[[str], None], say: Callable[[str], None]) -> None:
         async with (
-            Scheduler(
-                host=self.host,
-                port=self.port,
-                protocol="tls",
-                security=security(self.folder, "scheduler"),
-                dashboard=self.dashboard,
-                dashboard_address=f"{_LOOPBACK}:{8787 if self.dashboard else 0}",
-            ) as scheduler,
+            await self._scheduler() as scheduler,
             _workers(self.folder, self.site, scheduler.address, self.workers, self.host),
         ):
             started(scheduler.address)
-            await scheduler.finished()
+            scheduler.add_plugin(told := _Told(say))
+            try:
+                await scheduler.finished()
+            finally:
+                scheduler.remove_plugin(told.name)
+
+    async def _scheduler(self) -> Scheduler:
+        scheduler = Scheduler(
+            host=self.host,
+            port=self.port,
+            protocol="tls",
+            security=security(self.folder, "scheduler"),
+            dashboard=self.dashboard,
+            dashboard_address=f"{_LOOPBACK}:{8787 if self.dashboard else 0}",
+        )
+        try:
+            return await scheduler
+        except RuntimeError as error:
+            raise PoolUnavailable(
+                "the pool cannot listen there", host=self.host, port=self.port, reason=str(error.__cause__)
+            ) from error
+
+
+class _Told(SchedulerPlugin):
+    """Says who joins and who leaves."""
+
+    name = "told"
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+
+    def add_worker(self, scheduler: Scheduler, worker: str) -> None:
+        self._say(f"{worker} joined: {count(len(scheduler.workers), 'worker')}.")
+
+    def remove_worker(self, scheduler: Scheduler, worker: str, **_: Any) -> None:
+        self._say(f"{worker} left: {count(len(scheduler.workers), 'worker')}.")
 
 
 async def join(folder: Path, site: Path, address: str, workers: int, started: Callable[[], None]) -> None:
@@ -84,7 +116,9 @@ async def join(folder: Path, site: Path, address: str, workers: int, started: Ca
         try:
             comm = await connect(address, **security(folder, "worker").get_connection_args("worker"))
         except (OSError, ValueError) as error:
-            raise PoolUnavailable("the pool does not answer", address=address, reason=str(error)) from error
+            raise PoolUnavailable(
+                "the pool does not answer, or refuses this certificate", address=address, reason=str(error)
+            ) from error
         await comm.close()
         async with _workers(folder, site, address, workers) as nannies:
             started()
@@ -107,7 +141,8 @@ async def _workers(
                 security=security(folder, "worker"),
                 env={SITE_VARIABLE: str(site.absolute())},
                 host=host,
-                local_directory=str(folder.parent / "work"),
+                # Machines may share the folder, but not see each other's locks in it.
+                local_directory=str(folder.parent / "work" / socket.gethostname()),
                 silence_logs=logging.WARNING,
                 dashboard=False,
                 dashboard_address=f"{_LOOPBACK}:0",
@@ -145,6 +180,12 @@ def _settings(silent_s: float, dashboard: bool = False) -> Iterator[None]:
             "distributed.scheduler.worker-ttl": f"{silent_s:g}s",
             "distributed.scheduler.active-memory-manager.start": False,
             "distributed.worker.profile.enabled": False,
+            # As soon as 64 kB are free, workers would give them back: a verification faults them in again.
+            "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+            # Workers would log a traceback for each message that a scheduler did not take because it ended.
+            "distributed.nanny.pre-spawn-environ.DASK_LOGGING": str(
+                {"distributed": "warning", "distributed.worker": "critical"}
+            ),
         }
     ):
         yield

@@ -6,7 +6,7 @@ from typing import IO, Annotated, Any, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from rodeo.errors import unreadable
+from rodeo.errors import RodeoError, unreadable
 from rodeo.jobs.job import BadAnswer, Job, JobError, JobFailed, WorkerDiffers, WorkerLost
 from rodeo.text.foreign_text import printable
 from rodeo.text.strict_json import write_json
@@ -46,7 +46,7 @@ class Question(Header):
 
 
 class Failure(BaseModel):
-    """A JobError on its way."""
+    """An error on its way."""
 
     name: str
     message: Text
@@ -54,16 +54,16 @@ class Failure(BaseModel):
     details: dict[Text, Text] = {}
 
     @classmethod
-    def of(cls, error: JobError) -> Self:
+    def of(cls, error: RodeoError) -> Self:
         details = {name: str(value) for name, value in error.details.items()}
-        log = error.log[-_LOG_CHARACTERS:]
+        log = error.log[-_LOG_CHARACTERS:] if isinstance(error, JobError) else ""
         return cls(name=type(error).__name__, message=error.message, log=log, details=details)
 
     @property
     def error(self) -> JobError:
-        return _ERRORS.get(self.name, JobFailed)(
-            self.message, log=self.log[-_LOG_CHARACTERS:], **self.details
-        )
+        error = _ERRORS.get(self.name, JobFailed)(self.message, log=self.log[-_LOG_CHARACTERS:])
+        error.details = dict(self.details)  # of any names
+        return error
 
 
 class Answer(Header):

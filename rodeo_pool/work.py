@@ -16,7 +16,7 @@ from queue import Empty, SimpleQueue
 from distributed import get_worker
 from distributed.worker import thread_state
 
-from rodeo.jobs.job import MOST_BYTES, BadAnswer, JobError, JobFailed, WorkerLost
+from rodeo.jobs.job import MOST_BYTES, BadAnswer, JobError, JobFailed, WorkerLost, tail
 from rodeo_pool.wire import Answer, Failure, Malformed, packed, read
 
 SITE_VARIABLE = "RODEO_POOL_SITE"
@@ -27,7 +27,6 @@ _LOOK_S = 0.2
 """Longest wait before a cancelled job is noticed."""
 _END_S = 10.0
 """Wall time for a helper's end before it is killed."""
-_LOG_BYTES = 64 << 10
 
 
 class Helper:
@@ -37,10 +36,15 @@ class Helper:
         self._log = log
         with log.open("wb") as errors:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                start_new_session=True,
             )
         self._answers: SimpleQueue[tuple[Answer, bytes] | Malformed | None] = SimpleQueue()
         threading.Thread(target=self._listen, name="answers", daemon=True).start()
+        self._sending: threading.Thread | None = None
 
     @property
     def is_running(self) -> bool:
@@ -48,16 +52,20 @@ class Helper:
 
     def ask(self, question: bytes, longest_s: float, is_wanted: Callable[[], bool]) -> bytes:
         """The message that answers. Raises JobError; the helper has then ended."""
-        stdin = self._process.stdin
-        assert stdin is not None
+        # In a thread of its own: a helper that reads nothing must be lost in time, too.
+        self._sending = threading.Thread(target=self._send, args=(question,), name="question", daemon=True)
+        self._sending.start()
         try:
-            with suppress(BrokenPipeError):  # it ended: `_answer` says how
-                stdin.write(question)
-                stdin.flush()
             return packed(*self._answer(time.monotonic() + longest_s, is_wanted))
         except BaseException:
             self.end()
             raise
+
+    def _send(self, question: bytes) -> None:
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # it ended: `_answer` says how
+            self._process.stdin.write(question)
+            self._process.stdin.flush()
 
     def _answer(self, deadline_s: float, is_wanted: Callable[[], bool]) -> tuple[Answer, bytes]:
         while True:
@@ -67,23 +75,24 @@ class Helper:
                 if not is_wanted():
                     raise WorkerLost("nobody waits for this job any more") from None
                 if time.monotonic() > deadline_s:
-                    raise WorkerLost("the worker's helper hung", log=self._tail()) from None
+                    raise WorkerLost("the worker's helper hung", log=tail(self._log)) from None
                 continue
             if isinstance(found, Malformed):
-                raise BadAnswer("the helper's answer cannot be read", log=self._tail(), reason=str(found))
+                raise BadAnswer("the helper's answer cannot be read", log=tail(self._log), reason=str(found))
             if found is None:
                 status = self._process.wait()
-                raise JobFailed("the worker's helper ended", log=self._tail(), exit_status=status)
+                raise JobFailed("the worker's helper ended", log=tail(self._log), exit_status=status)
             return found
 
     def end(self) -> None:
         """End the helper, and the jobs that it does."""
-        assert self._process.stdin is not None
-        with suppress(BrokenPipeError):
-            self._process.stdin.close()  # it ends its job's children
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
+        if self._sending is None or not self._sending.is_alive():  # otherwise closing would wait for it
+            assert self._process.stdin is not None
+            with suppress(BrokenPipeError):
+                self._process.stdin.close()  # it ends its job's children
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END_S)
+        if self.is_running:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
 
@@ -95,11 +104,6 @@ class Helper:
             self._answers.put(None)
         except Malformed as error:
             self._answers.put(error)
-
-    def _tail(self) -> str:
-        with self._log.open("rb") as file:
-            file.seek(max(0, self._log.stat().st_size - _LOG_BYTES))
-            return file.read().decode(errors="replace")
 
 
 _helper: Helper | None = None

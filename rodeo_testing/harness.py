@@ -34,12 +34,12 @@ def _words(make: Callable[[W], Submission]) -> str:
 
 
 class Ending(TypedDict, total=False):
-    """The end of a case."""
+    """The end of a case, where it is not rejected."""
 
-    ruling: Ruling
-    """Rejected by default."""
-    doubts: str | None
-    """The party that failed, where nothing is rejected; None where the executor itself gave up."""
+    doubts: str
+    """The party that failed: the case is void."""
+    given_up: bool
+    """Whether the executor itself gave up."""
     judging: Judging
     """The fate of the oracle's word."""
 
@@ -54,13 +54,22 @@ class Forgery(Generic[W]):
     """Part of the verdict's reason."""
     ruins: bool = False
     """Whether somebody else keeps an honest executor from its work by it: then nobody is paid or fined."""
-    ruling: Ruling = "rejected"
     doubts: str | None = None
+    given_up: bool = False
     judging: Judging = "ruled"
 
     @property
     def words(self) -> str:
         return _words(self.make)
+
+    @property
+    def ruling(self) -> Ruling:
+        """The ruling with which the case ends."""
+        if self.check is None:
+            return "accepted"
+        if self.doubts is not None:
+            return "void"
+        return "given_up" if self.given_up else "rejected"
 
     @property
     def unworked(self) -> bool:
@@ -117,7 +126,7 @@ class Harness(Generic[W]):
         self, *, role: Role, judging: Judging = "ruled"
     ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
         """An honest proof that somebody tries to spoil, which is paid in full all the same."""
-        return lambda make: self._register(Forgery(make, role, None, ruling="accepted", judging=judging))
+        return lambda make: self._register(Forgery(make, role, None, judging=judging))
 
     def _register(self, forgery: Forgery[W]) -> Callable[[W], Submission]:
         name = forgery.make.__name__

@@ -17,8 +17,8 @@ from tests.support.tally import Tally
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out"
-LONG_CONTRACTS = "Invariants"
-"""Whole lives of tasks, cases and proposals, in any order, take minutes."""
+LONG_CONTRACTS = "Invariants|WeightTree|Policy|Lines"
+"""Whole lives of tasks, cases and proposals, in any order, take minutes; hundreds of trees and queues one."""
 FAST = ("evidence", "robot", "person", "recording", "deploy/chain", "lab", "cli", "tools")
 SLOW = (
     "lab/test_grasp.py",
@@ -32,6 +32,7 @@ ALONE = "alone"
 """The mark of long tests that keep pace with real devices: nothing runs beside them."""
 NO_NODE = "contracts: Node is missing, `make system`"
 _LONG = re.compile(r"mark\.long|sweep\(")
+_TEST = re.compile(r"^\s*def test_", re.MULTILINE)
 _FORGE = re.compile(r"(\d+) tests? passed, (\d+) failed, (\d+) skipped")
 _FAILURE = re.compile(r"^(?:\x1b\[\d+m)?\[FAIL.*|.*failing tests? in .*", re.MULTILINE)
 
@@ -90,9 +91,11 @@ class Contracts:
 
 
 def with_long() -> list[str]:
-    """Files in which a test is marked long: the others need not be imported, four times, to find none."""
-    files = sorted(Path("tests").rglob("test_*.py"))
-    return [str(one) for one in files if _LONG.search(one.read_text())]
+    """Files in which a test is marked long: the others need not be imported, four times, to find none. Those
+    with most tests come first, and whole sites for one test last: where time ends, most is known."""
+    texts = {one: one.read_text() for one in sorted(Path("tests").rglob("test_*.py"))}
+    found = [one for one, text in texts.items() if _LONG.search(text)]
+    return [str(one) for one in sorted(found, key=lambda one: -len(_TEST.findall(texts[one])))]
 
 
 def python(chosen: list[str], jobs: int, chain: str, until_s: float | None) -> Tally:

@@ -10,7 +10,8 @@ from bench.faults.lab import Lab, need
 FULL = r"no space left|disk is full|disk full|bytes (are )?left|free on"
 
 
-def _full(lab: Lab) -> Iterator[None]:
+def full(lab: Lab) -> Iterator[None]:
+    """The end of a script: the small disk is full while the fault stands."""
     assert lab.disk is not None
     lab.disk.fill()
     yield
@@ -20,13 +21,13 @@ def _full(lab: Lab) -> Iterator[None]:
 
 @case("the disk with the bridge's folder is full", said=FULL, small_disk="bridge", held_s=8.0)
 def disk_full_bridge(lab: Lab) -> Iterator[None]:
-    yield from _full(lab)
+    yield from full(lab)
     need(lab.post("meanwhile") == lab.asked["meanwhile"], "the same request_id made another task")
 
 
 @case("the disk with the embedded chain's folder is full", said=FULL, small_disk="chain", held_s=8.0)
 def disk_full_chain(lab: Lab) -> Iterator[None]:
-    yield from _full(lab)
+    yield from full(lab)
 
 
 @case("the disk with all data and logs of the site is full", said=FULL, small_disk=".", held_s=8.0)

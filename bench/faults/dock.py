@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 
 from bench.faults.case import BASE, Case, Script, add, case
-from bench.faults.disks import FULL
-from bench.faults.files import CHAIN, remove, stopped
+from bench.faults.disks import FULL, full
+from bench.faults.files import give_up_chain, halve
 from bench.faults.lab import Lab, need
 from bench.faults.net import Link
 from rodeo.dao import Participant
@@ -82,11 +80,7 @@ def _killed(*names: str) -> Script:
 def _frozen(name: str) -> Script:
     def script(lab: Lab) -> Iterator[None]:
         with charging(lab) as charge:
-            pid = lab.pid(name)
-            lab.signal(signal.SIGSTOP, name)
-            yield
-            lab.resume(pid)
-            yield
+            yield from lab.frozen(name)
             charge.finish()
 
     return script
@@ -145,12 +139,8 @@ def charger_cut_from_the_bus(lab: Lab) -> Iterator[None]:
     held_s=6.0,
 )
 def disk_full_charger(lab: Lab) -> Iterator[None]:
-    assert lab.disk is not None
     with charging(lab) as charge:
-        lab.disk.fill()
-        yield
-        lab.disk.free()
-        yield
+        yield from full(lab)
         charge.finish()
 
 
@@ -159,11 +149,10 @@ def charger_job_cut(lab: Lab) -> Iterator[None]:
     with charging(lab) as charge:
         lab.down("charger")
         path = lab.data / "charger" / "job.json"
-        text = path.read_text()
-        path.write_text(text[: len(text) // 2])
+        whole = halve(path)
         lab.up("charger")
         yield
-        path.write_text(text)
+        path.write_bytes(whole)
         lab.restart_if_down("charger")
         yield
         charge.finish()
@@ -180,10 +169,7 @@ def new_chain_under_the_charger(lab: Lab) -> Iterator[None]:
     hardware = lab.enter(closing(Hardware(lab)))
     hardware.fast = False
     lab.start()
-    path = stopped(lab, "chain", CHAIN)
-    remove(path)
-    Path(path.with_name("kept")).unlink()
-    lab.new_chain()
+    give_up_chain(lab)
     yield
     yield
     lab.wait(

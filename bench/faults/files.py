@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -58,38 +58,52 @@ def _flip(path: Path, count: int = 40) -> None:
     path.write_bytes(data)
 
 
+def halve(path: Path) -> bytes:
+    """Cut the second half off. The answer is what was there."""
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    return whole
+
+
+def give_up_chain(lab: Lab) -> None:
+    """Begin a new one. Nobody keeps the file of the old one."""
+    path = stopped(lab, "chain", CHAIN)
+    remove(path)
+    path.with_name("kept").unlink()
+    lab.new_chain()
+
+
+def _empty(path: Path) -> None:
+    remove(path)
+    path.touch()
+
+
+def _harmed(lab: Lab, process: str, pattern: str, harm: Callable[[Path], object]) -> Iterator[None]:
+    """The process's file is harmed while it is stopped, and put back when the fault ends."""
+    path = stopped(lab, process, pattern)
+    harm(path)
+    lab.up(process)
+    yield
+    _restore(lab, process, path)
+    yield
+
+
 # -- the embedded chain ------------------------------------------------------------------------------------
 
 
 @case("the chain's file is deleted", said="--new-chain", asks=False)
 def chain_file_deleted(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "chain", CHAIN)
-    remove(path)
-    lab.up("chain")
-    yield
-    _restore(lab, "chain", path)
-    yield
+    yield from _harmed(lab, "chain", CHAIN, remove)
 
 
 @case("the chain's file is empty", said="--new-chain", asks=False)
 def chain_file_emptied(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "chain", CHAIN)
-    remove(path)
-    path.touch()
-    lab.up("chain")
-    yield
-    _restore(lab, "chain", path)
-    yield
+    yield from _harmed(lab, "chain", CHAIN, _empty)
 
 
 @case("pages of the chain's file are damaged", said="chain file is damaged", asks=False)
 def chain_file_damaged(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "chain", CHAIN)
-    _flip(path, 400)
-    lab.up("chain")
-    yield
-    _restore(lab, "chain", path)
-    yield
+    yield from _harmed(lab, "chain", CHAIN, lambda path: _flip(path, 400))
 
 
 # -- the bridge's journal and index ------------------------------------------------------------------------
@@ -101,38 +115,24 @@ WITHOUT = (
 )
 
 
+def _harmed_journal(lab: Lab, harm: Callable[[Path], object]) -> Iterator[None]:
+    yield from _harmed(lab, "bridge", JOURNAL, harm)
+    need(lab.post("before") == 1, "a repeated request_id posted a second task")
+
+
 @case("the bridge's journal is deleted", said=WITHOUT, asks=False)
 def journal_deleted(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "bridge", JOURNAL)
-    remove(path)
-    lab.up("bridge")
-    yield
-    _restore(lab, "bridge", path)
-    yield
-    need(lab.post("before") == 1, "a repeated request_id posted a second task")
+    yield from _harmed_journal(lab, remove)
 
 
 @case("the bridge's journal is empty", said=WITHOUT, asks=False)
 def journal_emptied(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "bridge", JOURNAL)
-    remove(path)
-    path.touch()
-    lab.up("bridge")
-    yield
-    _restore(lab, "bridge", path)
-    yield
-    need(lab.post("before") == 1, "a repeated request_id posted a second task")
+    yield from _harmed_journal(lab, _empty)
 
 
 @case("40 bytes of the bridge's journal are flipped", said=r"journal is damaged.*journal\.sqlite", asks=False)
 def journal_damaged(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "bridge", JOURNAL)
-    _flip(path)
-    lab.up("bridge")
-    yield
-    _restore(lab, "bridge", path)
-    yield
-    need(lab.post("before") == 1, "a repeated request_id posted a second task")
+    yield from _harmed_journal(lab, _flip)
 
 
 @case(
@@ -141,14 +141,7 @@ def journal_damaged(lab: Lab) -> Iterator[None]:
     asks=False,
 )
 def journal_cut(lab: Lab) -> Iterator[None]:
-    path = stopped(lab, "bridge", JOURNAL)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    lab.up("bridge")
-    yield
-    _restore(lab, "bridge", path)
-    yield
-    need(lab.post("before") == 1, "a repeated request_id posted a second task")
+    yield from _harmed_journal(lab, halve)
 
 
 @case("one balance in the bridge's index is another number", said=r"rebuil|made anew|does not agree|differ")
@@ -191,10 +184,9 @@ def index_deleted(lab: Lab) -> Iterator[None]:
 def deployment_record_cut(lab: Lab) -> Iterator[None]:
     lab.down("bridge")
     path = _file(lab, "deployments/*.json")
-    text = path.read_text()
-    path.write_text(text[: len(text) // 2])
+    whole = halve(path)
     lab.up("bridge")
     yield
     # Put back as it was; nobody is asked to start anything.
-    path.write_text(text)
+    path.write_bytes(whole)
     yield

@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
@@ -218,8 +218,8 @@ class Lab:
         for name in names:
             self._order(lambda name=name: end(name))  # type: ignore[misc]
 
-    def pid(self, name: str, site: Site | None = None) -> int:
-        pid = lock_holder((site or self.site).data_dir / name)
+    def pid(self, name: str) -> int:
+        pid = lock_holder(self.site.data_dir / name)
         need(pid is not None, f"{name} does not run")
         assert pid is not None
         return pid
@@ -229,13 +229,13 @@ class Lab:
         for pid in [self.pid(name) for name in names]:
             os.kill(pid, signal.SIGKILL)
 
-    def resume(self, pid: int) -> None:
-        """SIGCONT."""
+    def frozen(self, name: str) -> Iterator[None]:
+        """The end of a script: the process hangs while the fault stands."""
+        pid = self.pid(name)
+        os.kill(pid, signal.SIGSTOP)
+        yield
         os.kill(pid, signal.SIGCONT)
-
-    def signal(self, number: signal.Signals, *names: str) -> None:
-        for name in names:
-            os.kill(self.pid(name), number)
+        yield
 
     def restart_if_down(self, name: str) -> None:
         """What the operator does for a process that gave up; one that waits continues by itself."""
@@ -285,7 +285,7 @@ class Lab:
         status, output = self.program("deploy.contracts", "--site", str(self.path), timeout_s=HANG_S)
         need(status == 0, f"the contracts were not deployed: {output[-400:]}")
 
-    def variant(self, name: str, extra: str, wallets: bool = True, data: bool = True) -> Path:
+    def variant(self, name: str, extra: str, data: bool = True) -> Path:
         """A site file that differs from the lab's own by `extra`; with `data` from another machine: a data
         directory of its own, which has the keystores of the first."""
         path = self.folder / f"{name}.toml"
@@ -296,8 +296,7 @@ class Lab:
             if "bus.router" not in extra:
                 text += f"bus.router = {json.dumps(self.site.bus.router)}\n"
             elsewhere.mkdir(exist_ok=True)
-            if wallets:
-                shutil.copytree(self.data / "keys", elsewhere / "keys")
+            shutil.copytree(self.data / "keys", elsewhere / "keys")
             shutil.copytree(self.data / "deployments", elsewhere / "deployments")
         path.write_text(text + extra + "\n")
         return path

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from bench.faults.case import BASE, Case, Script, add, case
 from bench.faults.lab import Lab
-from bench.faults.net import Answer, Link, NodeBetween
+from bench.faults.net import Answer, Fault, Link, NodeBetween
 from deploy.chain.errors import InternalError
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import free_port
@@ -84,17 +84,21 @@ def _bridge_asks(lab: Lab, between: NodeBetween) -> None:
     lab.start()
 
 
+def _lying(lab: Lab, fault: Fault) -> Iterator[None]:
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    _bridge_asks(lab, between)
+    between.fault = fault
+    yield
+    between.fault = None
+    yield
+
+
 @case("the node refuses everything with an error of its own", said=NO_NODE, works=False, held_s=4.0)
 def node_refuses(lab: Lab) -> Iterator[None]:
     def refuse(_method: str, _params: Sequence[Any], _answer: Answer) -> Any:
         raise InternalError("out of order")
 
-    between = lab.enter(NodeBetween(lab.site.chain.url))
-    _bridge_asks(lab, between)
-    between.fault = refuse
-    yield
-    between.fault = None
-    yield
+    yield from _lying(lab, refuse)
 
 
 @case("the node takes transactions, says their hash and forgets them", works=False, held_s=6.0)
@@ -102,12 +106,7 @@ def node_forgets_transactions(lab: Lab) -> Iterator[None]:
     def forget(method: str, params: Sequence[Any], answer: Answer) -> Any:
         return "0x" + "ab" * 32 if method == "eth_sendRawTransaction" else answer(method, params)
 
-    between = lab.enter(NodeBetween(lab.site.chain.url))
-    _bridge_asks(lab, between)
-    between.fault = forget
-    yield
-    between.fault = None
-    yield
+    yield from _lying(lab, forget)
 
 
 @case("the node sends transactions on, but says that it failed", works=False, held_s=4.0)
@@ -118,12 +117,7 @@ def node_denies_transactions(lab: Lab) -> Iterator[None]:
             raise InternalError("something went wrong")
         return result
 
-    between = lab.enter(NodeBetween(lab.site.chain.url))
-    _bridge_asks(lab, between)
-    between.fault = deny
-    yield
-    between.fault = None
-    yield
+    yield from _lying(lab, deny)
 
 
 @case("the node hangs at every question", said=NO_NODE, works=False, held_s=4.0)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Iterator
-from pathlib import Path
+from functools import partial
 
 from bench.faults.case import BASE, Case, Script, add, case
 from bench.faults.disks import FULL
-from bench.faults.files import CHAIN, remove, stopped
+from bench.faults.files import give_up_chain, halve
 from bench.faults.lab import Lab, need
 from rodeo.errors import RemoteError
 from rodeo.runtime.sim_clock import SimClock
@@ -20,12 +19,14 @@ clock.idle_speed = 400
 agent.explore_when_idle = false
 agent.charge_below = 0.0
 """
+_case_at_work = partial(case, processes=WHOLE, extra=FAST, asks=False)
+"""A fault while the robot works. Its own task is what is asked for."""
 
 
-def _working(lab: Lab, activity: str = "carrying item1") -> None:
+def _working(lab: Lab) -> None:
     """A task of cleaning, and the robot in the middle of it."""
     lab.post("meanwhile", max_attempts=3, reward_iec="100")
-    lab.wait_said(f"robot_agent: .*{activity}")
+    lab.wait_said("robot_agent: .*carrying item1")
     lab.mark()
 
 
@@ -59,30 +60,17 @@ for _names in (("robot_agent",), ("robot_sim",), ("itrash",), WHOLE):
     )
 
 
-@case(
-    "the bridge hangs while the agent asks it who signs",
-    processes=WHOLE,
-    extra=FAST,
-    asks=False,
-    held_s=8.0,
-)
+@_case_at_work("the bridge hangs while the agent asks it who signs", held_s=8.0)
 def frozen_bridge_while_carrying(lab: Lab) -> Iterator[None]:
     _working(lab)
-    pid = lab.pid("bridge")
-    lab.signal(signal.SIGSTOP, "bridge")
-    yield
-    lab.resume(pid)
-    yield
+    yield from lab.frozen("bridge")
     _paid(lab)
     need("not registered as a bin" not in lab.log("robot_agent"), "the bin's signer is called a stranger's")
 
 
-@case(
+@_case_at_work(
     "the disk with the agent's folder is full while the robot carries an item",
     said=FULL,
-    processes=WHOLE,
-    extra=FAST,
-    asks=False,
     small_disk="robot_agent",
     held_s=6.0,
 )
@@ -99,35 +87,23 @@ def disk_full_agent(lab: Lab) -> Iterator[None]:
     lab.wait_ended("meanwhile")
 
 
-@case(
-    "the agent's journal of a task is cut",
-    said=r"journal\.json",
-    processes=WHOLE,
-    extra=FAST,
-    asks=False,
-)
+@_case_at_work("the agent's journal of a task is cut", said=r"journal\.json")
 def agent_journal_cut(lab: Lab) -> Iterator[None]:
     _working(lab)
     lab.down("robot_agent")
     (path,) = lab.data.glob("robot_agent/**/journal.json")
-    text = path.read_text()
-    path.write_text(text[: len(text) // 2])
+    whole = halve(path)
     lab.up("robot_agent")
     yield
     need("Traceback" not in lab.said(), "a traceback")
     if path.exists():
-        path.write_text(text)
+        path.write_bytes(whole)
     lab.restart_if_down("robot_agent")
     yield
     lab.wait_ended("meanwhile")
 
 
-@case(
-    "the second half of the agent's recording is cut off",
-    processes=WHOLE,
-    extra=FAST,
-    asks=False,
-)
+@_case_at_work("the second half of the agent's recording is cut off")
 def recording_cut(lab: Lab) -> Iterator[None]:
     _working(lab)
     lab.down("robot_agent")
@@ -140,19 +116,11 @@ def recording_cut(lab: Lab) -> Iterator[None]:
     lab.wait_ended("meanwhile")
 
 
-@case(
-    "the chain is given up and a new one begun: its first task is done",
-    processes=WHOLE,
-    extra=FAST,
-    asks=False,
-)
+@_case_at_work("the chain is given up and a new one begun: its first task is done")
 def new_chain_under_the_agent(lab: Lab) -> Iterator[None]:
     lab.post("on the old chain", reward_iec="100", params={"item_id": "item99", "x_m": 4.6, "y_m": 1.2})
     lab.wait_ended("on the old chain")
-    path = stopped(lab, "chain", CHAIN)
-    remove(path)
-    Path(path.with_name("kept")).unlink()
-    lab.new_chain()
+    give_up_chain(lab)
     yield
     yield
     lab.wait(
@@ -176,11 +144,7 @@ SIMULATED = (*BASE, "robot_sim")
     held_s=7.0,
 )
 def clock_behind(lab: Lab) -> Iterator[None]:
-    pid = lab.pid("robot_sim")
-    lab.signal(signal.SIGSTOP, "robot_sim")
-    yield
-    lab.resume(pid)
-    yield
+    yield from lab.frozen("robot_sim")
     clock = SimClock(lab.bus.session, lab.site.bus.domain_id)
     lab.wait(lambda: clock.wait_ready(lab.closing), "no clock")
     lab.wait(lambda: abs(time.time() - clock.now_s()) < 1.0, "the clock is not the wall's again")
@@ -190,8 +154,7 @@ def clock_behind(lab: Lab) -> Iterator[None]:
 def world_file_cut(lab: Lab) -> Iterator[None]:
     lab.down("robot_sim")
     path = lab.data / "robot_sim" / "world.state"
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
+    whole = halve(path)
     lab.up("robot_sim")
     lab.wait_said(r"world\.state")
     need("another lab" not in lab.said(), "a cut file is called another lab")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
+from functools import partial
 
 from bench.faults.case import BASE, Case, Script, add
 from bench.faults.lab import Lab
@@ -15,17 +15,6 @@ def _killed(*names: str) -> Script:
     def script(lab: Lab) -> Iterator[None]:
         lab.kill(*names)
         yield
-        yield
-
-    return script
-
-
-def _frozen(name: str) -> Script:
-    def script(lab: Lab) -> Iterator[None]:
-        pid = lab.pid(name)
-        lab.signal(signal.SIGSTOP, name)
-        yield
-        lab.resume(pid)
         yield
 
     return script
@@ -67,7 +56,7 @@ for _name, _processes in (("router", BASE), ("chain", BASE), ("bridge", BASE), (
             name=f"frozen_{_name}",
             area="stops",
             breaks=f"the {_name} hangs (SIGSTOP) for 12 s",
-            script=_frozen(_name),
+            script=partial(Lab.frozen, name=_name),
             said=SILENT,
             processes=_processes,
             held_s=12.0,

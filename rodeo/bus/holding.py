@@ -19,6 +19,7 @@ import zenoh
 
 from rodeo.bus.messages import ClockMark
 from rodeo.bus.receiving import direct
+from rodeo.bus.sending import sent_so_far
 from rodeo.bus.session import decode_json, validate
 from rodeo.errors import RodeoError
 from rodeo.site import topics
@@ -73,7 +74,8 @@ class Holder:
         self._now_ns = now_ns
         self._held = 0
         """Works under way, also of threads that wait meanwhile."""
-        self._actors: set[int] = set()
+        self._actors: dict[int, int] = {}
+        """Threads that act, and how much they had sent when they waited last."""
         self.heard = 0
         """Number of the mark that was heard last."""
         self._asker: str | None = None
@@ -105,12 +107,13 @@ class Holder:
         thread = threading.get_ident()
         with self.hold():
             with self._changed:
-                self._actors.add(thread)
+                self._actors[thread] = sent_so_far()
             try:
                 yield
             finally:
                 with self._changed:
-                    self._actors.discard(thread)
+                    self._count_work(thread)
+                    self._actors.pop(thread, None)
 
     @contextmanager
     def hold(self, within: bool = False) -> Iterator[None]:
@@ -135,13 +138,16 @@ class Holder:
             self.tell()
 
     def waiter(self, until_ns: int | None, resting: bool, concerned: Callable[[], bool]) -> Waiter:
-        return Waiter(until_ns, threading.get_ident() in self._actors, resting, concerned)
+        """One for the calling thread. What it has sent since it waited last is its work: others may have
+        something to do after it."""
+        thread = threading.get_ident()
+        self._count_work(thread)
+        return Waiter(until_ns, thread in self._actors, resting, concerned)
 
-    def goes_on(self, waiter: Waiter) -> None:
-        """The thread does something now, and does not only look."""
-        if waiter.releases:
+    def _count_work(self, thread: int) -> None:
+        if (before := self._actors.get(thread)) is not None and before != (sent := sent_so_far()):
+            self._actors[thread] = sent
             self._works += 1
-        self.tell()
 
     def tell(self) -> None:
         """Publish the state if it differs from the last one published."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Annotated, Any, Generic, Literal, Protocol, TypeVar
@@ -692,6 +693,7 @@ class Events(Answer):
 # -- the table -----------------------------------------------------------------------------------------------
 
 A = TypeVar("A", bound=BaseModel)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -763,3 +765,16 @@ def fitting(model: type[A], answer: dict[str, Any], key: str) -> A:
         raise MalformedAnswer(
             f"the answer does not fit {model.__name__}", key=key, fields=wrong_fields(error)
         ) from error
+
+
+def pages(page: Callable[[int], list[T]]) -> Iterator[list[T]]:
+    """The pages of an answer; `page(offset)` asks for one."""
+    offset = 0
+    while found := page(offset):
+        yield found
+        offset += len(found)
+
+
+def entries(page: Callable[[int], list[T]]) -> list[T]:
+    """All entries of an answer that comes in pages; `page(offset)` asks for one."""
+    return [entry for found in pages(page) for entry in found]

@@ -18,7 +18,7 @@ REPORT, GONE, SAY = "report", "gone", "say"
 Extent = Annotated[float, Field(gt=0, le=2.0, allow_inf_nan=False)]
 
 
-class Sighting(Message):
+class SightReport(Message):
     """A robot saw something on the floor that no site file lists."""
 
     kind: Kind
@@ -53,7 +53,7 @@ class Seen:
     def __init__(self, bus: Bus, org: str, who: str) -> None:
         self._bus, self._org, self._who = bus, org, who
 
-    def report(self, sighting: Sighting) -> SeenThing:
+    def report(self, sighting: SightReport) -> SeenThing:
         """Report something: the known thing where it is the same, or a new one.
 
         It is the same within 0.25 m of one that is open or about which there is a task, and where it has the

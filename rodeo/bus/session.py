@@ -26,6 +26,7 @@ from pydantic import BaseModel, ValidationError
 from rodeo.bus import queries
 from rodeo.bus.messages import DaoEvent, Status
 from rodeo.bus.receiving import direct
+from rodeo.bus.sending import count_sent
 from rodeo.errors import (
     BusUnavailable,
     InvalidRequest,
@@ -217,6 +218,7 @@ class Bus:
 
     def put_bytes(self, key: str, payload: bytes) -> None:
         """The same with a payload that is encoded already. Raises zenoh.ZError when the session is closed."""
+        count_sent()
         self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def subscribe_json(
@@ -286,6 +288,7 @@ class Bus:
         if parameters:
             selector += "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
         body = payload if isinstance(payload, bytes | None) else encode(payload)
+        count_sent()
         try:
             replies = self.session.get(selector, payload=body, timeout=timeout_s)
         except zenoh.ZError as refusal:
@@ -321,6 +324,7 @@ class Bus:
         BusUnavailable after `close`.
         """
         selector = key + "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
+        count_sent()
         try:
             replies = self.session.get(
                 selector,

@@ -172,11 +172,11 @@ def open_proof(path: Path | str, limits: Limits | None = None) -> Proof:
     """
     path = Path(path)
     try:
+        reader = SealedReader(path, limits)  # first: a file that is too large is not read
         with path.open("rb") as file:
             sha256 = "0x" + file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise ProofNotFound("the proof cannot be read", path=str(path), cause=str(error)) from error
-    reader = SealedReader(path, limits)
     topics: dict[str, TopicMessages] = {}
     indices: dict[str, int] = {}
     order = array("H")

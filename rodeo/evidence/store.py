@@ -167,6 +167,13 @@ class Store:
         """Whether `uri` is that of a file with this content (0x hex), in whichever store."""
         return cls.hash_of(uri) == sha256.lower() != ""
 
+    @staticmethod
+    def require_folder(uri: str) -> None:
+        """Raises StoreUnavailable where `uri` names a file in a folder that is not there: from such a store
+        each file seems to be missing."""
+        if _scheme(uri) == "file" and not Path(LocalFileSystem._strip_protocol(uri)).parent.is_dir():
+            raise StoreUnavailable("the store's folder is not there", uri=uri)
+
     def fetch(self, uri: str, sha256: str, max_bytes: int | None = None, folder: Path | None = None) -> Path:
         """Copy the file to `folder` (default: a new temporary one, which the caller removes) and hash it.
 

@@ -1,7 +1,9 @@
 """One verification in a process of its own: what a hostile proof breaks, it breaks there.
 
-The child writes its report to a file and ends; the parent reads it, or learns from the exit that there is
-none. Nothing is shared, so a crash, a hang or a full memory costs one proof its verdict and nobody else.
+The child writes its report to a file and says so; the parent reads it, or learns from the child's end that
+there is none. Nothing is shared, so a crash, a hang or a full memory costs one proof its verdict and nobody
+else. An oracle, whose verdict pays, has a child for each proof. Where nobody is paid, `Children` spare what
+is computed anew in each: a child verifies the next proof, too, as long as it accepts them.
 
 What a proof may cost is bounded by counts that every judge finds the same (`rodeo.checks.counts`). What
 the limits here allow differs from machine to machine, so they never reject: a verification that meets one is
@@ -21,12 +23,13 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 from rodeo.bus.messages import Task
@@ -57,6 +60,8 @@ ATTEMPTS = 2
 """A verification that ended without a report is tried once more: the machine may have been the reason."""
 ENDED = "verification_ended"
 """Name of the check that fails where a verification gave no report."""
+PROOFS = 100
+"""Proofs that one of `Children` verifies at most: what it gathers meanwhile never meets a limit."""
 FAULT = "the oracle"
 """The party at fault for an undecided verdict: this oracle failed, neither the parties nor the store."""
 
@@ -76,7 +81,7 @@ _NOT_STARTED = (EOFError, OSError)
 _STOP_SLICE_S = 0.2
 """Longest wait before a stop is noticed."""
 _SIGNAL_GRACE_S = 1.0
-"""Between the end of a child and our own signal, when both got one."""
+"""Between the end of a child and our own signal, when both got one; and for a child to end by itself."""
 
 
 def start(site: Site) -> dict[str, str | None]:
@@ -117,11 +122,12 @@ def verify_apart(
     failed: int = 0,
     submitted: bool = True,
     log_to: Path | None = None,
+    children: Children | None = None,
 ) -> Report | None:
     """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default,
     `copy` is the proof itself where it was fetched already, `failed` counts its failed verifications. What
     was not `submitted` is any file at `copy`, which may be a bag, or of no chain. The child's log is this
-    process's, or the file `log_to`.
+    process's, or the file `log_to`; it is one of the site's `children`, or one for this proof alone.
 
     A verification that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed,
     the second such is given up, unless no chain is asked. If it cannot be started twice, the report is
@@ -129,8 +135,8 @@ def verify_apart(
     not be fetched, and DiskFull: both are for the caller to wait for.
     """
     limits = limits or site.oracle
-    what = What(site, chain_record, copy, submitted, limits.cpu_limit_s, memory_bytes, log_to)
-    once = _once(what, scratch, stop, limits.time_limit_s)
+    what = What(chain_record, copy, submitted, limits.cpu_limit_s, memory_bytes, log_to)
+    once = _once(what, scratch, stop, limits.time_limit_s, children or Children(site, proofs=1))
     # Signals that end the oracle may reach the child first, which is no fault of the proof.
     if once.report is not None or stop.wait(_SIGNAL_GRACE_S):
         return once.report
@@ -159,9 +165,8 @@ class _Once(NamedTuple):
 
 
 class What(NamedTuple):
-    """What a child is given."""
+    """What a child is asked."""
 
-    site: Site
     chain_record: ChainRecord | None
     copy: Path | None
     submitted: bool
@@ -170,35 +175,106 @@ class What(NamedTuple):
     log_to: Path | None
 
 
-def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float) -> _Once:
+class Children:
+    """Children that wait for a proof of `site`: each has accepted all that it verified, at most `proofs`. One
+    whose proof came to anything else has ended, so that none breaks on what another proof left."""
+
+    def __init__(self, site: Site, proofs: int = PROOFS) -> None:
+        self._site, self._proofs = site, proofs
+        self._waiting: SimpleQueue[_Child] = SimpleQueue()
+        """Threads take them and give them back at the same time."""
+
+    def take(self) -> _Child:
+        """One that lives. Raises EOFError or OSError where none can be started."""
+        with suppress(Empty):
+            while not (child := self._waiting.get_nowait()).is_alive:
+                child.end()
+            return child
+        return _Child(self._site)
+
+    def give_back(self, child: _Child, accepted: bool) -> None:
+        if accepted and child.asked < self._proofs and child.is_ready():
+            self._waiting.put(child)
+        else:
+            child.end()
+
+    def end(self) -> None:
+        """End those that wait."""
+        with suppress(Empty):
+            while True:
+                self._waiting.get_nowait().end()
+
+
+class _Child:
+    """A process that verifies. Raises EOFError or OSError where it cannot be started."""
+
+    def __init__(self, site: Site) -> None:
+        self.asked = 0
+        context = _context_of(site)
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(_child, site, theirs), name="verification", daemon=True
+        )
+        with theirs:
+            self._process.start()
+
+    @property
+    def is_alive(self) -> bool:
+        return self._process.is_alive()
+
+    def ask(self, what: What, folder: Path) -> None:
+        self.asked += 1
+        with suppress(BrokenPipeError):  # it ended, and its exit status says how
+            self._pipe.send((what, folder))
+
+    def is_done(self, longest_s: float) -> bool:
+        """Whether it says that it has written what it found, or has ended."""
+        return bool(wait([self._pipe, self._process.sentinel], longest_s))
+
+    def is_ready(self) -> bool:
+        """Whether it can be asked again. What it says is neither unpickled nor waited for: a proof may have
+        taken it over."""
+        try:
+            return self._pipe.poll() and os.read(self._pipe.fileno(), len(_DONE) + 1) == _DONE
+        except OSError:
+            return False
+
+    def end(self, grace_s: float = _SIGNAL_GRACE_S) -> int:
+        """End it; the exit status."""
+        self._pipe.close()  # it ends when nobody can ask it
+        self._process.join(grace_s)
+        self._process.kill()
+        self._process.join()
+        assert self._process.exitcode is not None
+        return self._process.exitcode
+
+
+def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float, children: Children) -> _Once:
     """Raises EvidenceError, DiskFull."""
     with writing(scratch), _folder_in(scratch) as folder:
         path, away = Path(folder, _REPORT), Path(folder, _AWAY)
-        process = _context_of(what.site).Process(
-            target=_child, args=(what, Path(folder)), name="verification", daemon=True
-        )
         try:
-            process.start()
+            child = children.take()
         except _NOT_STARTED as error:
             return _Once(None, f"the process to verify in did not start: {error!r}", began=False)
-        deadline_s = time.monotonic() + time_limit_s
-        while process.is_alive() and time.monotonic() < deadline_s and not stop.is_set():
-            process.join(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
-        hung = process.is_alive()
-        if hung:
-            process.kill()
-            process.join()
+        child.ask(what, Path(folder))
+        deadline_s, is_done = time.monotonic() + time_limit_s, False
+        while not is_done and time.monotonic() < deadline_s and not stop.is_set():
+            is_done = child.is_done(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
         if path.exists():
-            return _Once(Report.model_validate_json(path.read_bytes()))
+            report = Report.model_validate_json(path.read_bytes())
+            children.give_back(child, report.accepted)
+            return _Once(report)
+        exit_status = child.end(_SIGNAL_GRACE_S if is_done else 0.0)
         if away.exists():
             said = read_json(away.read_bytes())
             raise _AWAY_FOR[said["code"]](said["message"], **said["details"])
-        if process.exitcode == _NO_ROOM:
+        if exit_status == _NO_ROOM:
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
-        ended = f"the verification crashed with exit status {process.exitcode}"
-        if hung:
+        ended = f"the verification crashed with exit status {exit_status}"
+        if not is_done:
             ended = f"the verification hung for {time_limit_s:g} s"
-        elif process.exitcode == -signal.SIGXCPU:
+        elif exit_status == -signal.SIGXCPU:
             ended = f"the verification used more than {what.cpu_limit_s:g} s of CPU time"
         acts = Path(folder, _ACTS)
         return _Once(None, ended, acts=tuple(read_json(acts.read_bytes())["acts"]) if acts.exists() else ())
@@ -224,7 +300,14 @@ def _context(loaded: tuple[str, ...]) -> ForkServerContext:
     # Each child runs the main module of its program again.
     programs = [name for name in _PROGRAMS if name in sys.modules]
     context.set_forkserver_preload(
-        ["rodeo.jobs.apart", *programs, "rodeo.checks.verify", *loaded, "rodeo.jobs.preload"]
+        [
+            "rodeo.jobs.undisturbed",
+            "rodeo.jobs.apart",
+            *programs,
+            "rodeo.checks.verify",
+            *loaded,
+            "rodeo.jobs.preload",
+        ]
     )
     return context
 
@@ -242,6 +325,8 @@ _REPORT, _AWAY = "report.json", "away.json"
 _ACTS = "acts.json"
 """Left earlier: people may accept a proof whose verification gave no report, and then these acts are paid
 for."""
+_DONE = b"done"
+"""What a child says when it has left its file."""
 _NO_ROOM = 74
 """Exit status of a child that could not write its report because the disk is full: EX_IOERR of sysexits.h."""
 _AWAY_FOR: dict[str, type[RodeoError]] = {
@@ -281,20 +366,42 @@ def _tell_rules(site: Site, teller: Connection) -> None:
     teller.send(found)
 
 
-def _child(what: What, folder: Path) -> None:
+def _serve(verifies: Callable[[Site, What, Path], None], site: Site, asked: Connection) -> None:
+    """What a child does until nobody can ask it any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     die_with(os.getppid(), signal.SIGKILL)  # the fork server, which ends with the oracle
-    gc.disable()  # it ends soon, and looking for garbage among all those messages takes a tenth of its time
+    # Looking for garbage among all those messages takes a tenth of the time.
+    gc.disable()
+    gc.freeze()
+    while True:
+        try:
+            question = asked.recv()
+        except (EOFError, ConnectionResetError):  # a reset where what was said last was not read
+            return
+        verifies(site, *question)
+        with suppress(BrokenPipeError):
+            os.write(asked.fileno(), _DONE)
+        gc.collect()
+
+
+def limit(what: What) -> None:
+    """Limit this process to what the next proof may use."""
+    used_s = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+    most_s = resource.getrlimit(resource.RLIMIT_CPU)[1]
     resource.setrlimit(resource.RLIMIT_AS, (what.memory_bytes, what.memory_bytes))
-    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(what.cpu_limit_s), math.ceil(what.cpu_limit_s) + 1))
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used_s + what.cpu_limit_s), most_s))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _child(site: Site, what: What, folder: Path) -> None:
+    limit(what)
     if what.log_to is not None:
         with what.log_to.open("ab") as file:
             os.dup2(file.fileno(), sys.stdout.fileno())
             os.dup2(file.fileno(), sys.stderr.fileno())
     try:
         try:
-            report = verify_claiming(what, folder)
+            report = verify_claiming(site, what, folder)
             name, data = _REPORT, report.to_bytes()
         except (EvidenceError, DiskFull) as error:
             name, data = _AWAY, write_json(plain(error.to_json()))
@@ -305,7 +412,7 @@ def _child(what: What, folder: Path) -> None:
         sys.exit(_NO_ROOM)
 
 
-def verify_claiming(what: What, folder: Path, **options: Any) -> Report:
+def verify_claiming(site: Site, what: What, folder: Path, **options: Any) -> Report:
     """The verification, which leaves the proof's claims in `folder` before they are checked."""
     # Imported here: the oracle itself has no use for MuJoCo.
     from rodeo.checks.verify import verify_file, verify_submission
@@ -313,7 +420,7 @@ def verify_claiming(what: What, folder: Path, **options: Any) -> Report:
     def claims(acts: list[str]) -> None:
         replace_file(folder / _ACTS, write_json({"acts": acts}))
 
-    site, chain_record, copy = what[:3]
+    chain_record, copy = what[:2]
     if what.submitted and chain_record is not None:
         return verify_submission(site, chain_record, folder, copy, may_wait=True, claims=claims, **options)
     assert copy is not None

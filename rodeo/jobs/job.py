@@ -6,20 +6,35 @@ children of this process, and which bytes answer them.
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
-import rfc8785
-
 from rodeo.errors import RodeoError
 
 MOST_BYTES = 4 << 20
 """Size of the largest answer."""
+_LOG_BYTES = 64 << 10
+
+
+def hex_of(value: Any) -> str:
+    """SHA-256 as hex of a JSON value. RFC 8785 lacks large integers and halves of characters, which stand in
+    what strangers write."""
+    return sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def tail(log: Path) -> str:
+    """The last 64 KiB of what a job's process wrote; empty where there is no such file."""
+    with suppress(FileNotFoundError), log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - _LOG_BYTES))
+        return file.read(_LOG_BYTES).decode(errors="replace")
+    return ""
 
 
 @dataclass(frozen=True)
@@ -29,7 +44,7 @@ class Job:
     work: str
     """Name of the `Work`."""
     given: Mapping[str, Any]
-    """JSON (RFC 8785) that says all that the answer depends on."""
+    """JSON that says all that the answer depends on."""
     file: Path | None = None
     """A file of this machine that the answer is about. `given` has its hash; an engine elsewhere sends its
     bytes."""
@@ -37,7 +52,7 @@ class Job:
     @cached_property
     def key(self) -> str:
         """SHA-256 of the question as hex: jobs with equal keys have the same answer."""
-        return sha256(rfc8785.dumps({"work": self.work, "given": dict(self.given)})).hexdigest()
+        return hex_of({"work": self.work, "given": dict(self.given)})
 
 
 class JobError(RodeoError):
@@ -54,6 +69,10 @@ class JobFailed(JobError):
 
 class WorkerLost(JobError):
     """The worker died, hung or was cut off, which says nothing about the job."""
+
+
+class EngineGone(WorkerLost):
+    """The engine has ended, or nobody is left in it: it is asked for nothing more."""
 
 
 class WorkerDiffers(JobError):
@@ -84,13 +103,17 @@ class Work(Protocol):
     def doubt(self, answer: bytes) -> str:
         """Why another machine, or this one later, may answer otherwise; empty for an answer that lasts."""
 
+    def close(self) -> None:
+        """End what waits for the next job. None is being done."""
+
 
 class Engine(Protocol):
     """Has jobs done, on whichever machine."""
 
     name: str
     places: int
-    """Jobs that it takes at the same time, each in a thread of the caller's."""
+    """Jobs that it takes at the same time, each in a thread of the caller's: at least 1. It may change while
+    jobs are done."""
 
     def do(self, job: Job, stop: threading.Event, failed: int = 0) -> bytes:
         """The answer, which the caller checks. Blocks until it is there. `failed` counts the caller's earlier

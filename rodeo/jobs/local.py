@@ -33,4 +33,5 @@ class Local:
                 raise JobFailed("this machine failed", reason=str(error)) from error
 
     def close(self) -> None:
-        """Each child ended with its job."""
+        for work in self.works.values():
+            work.close()

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
+import math
 import tempfile
 import threading
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from functools import cache, cached_property
 from hashlib import file_digest
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import rfc8785
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from rodeo.bus.messages import Task
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report
-from rodeo.errors import DiskFull, Interrupted, unreadable
+from rodeo.errors import DiskFull, Interrupted, InvalidRequest, unreadable
 from rodeo.evidence.errors import (
     EvidenceError,
     ProofHashMismatch,
@@ -26,7 +26,7 @@ from rodeo.evidence.errors import (
     StoreUnavailable,
 )
 from rodeo.jobs import apart
-from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers
+from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers, hex_of, tail
 from rodeo.site.config import Site
 from rodeo.text.foreign_text import in_words, quoted
 
@@ -35,22 +35,21 @@ _LAB = ("lab", "bins", "docks", "robots", "items", "kinds")
 """Tables of the site file that a verification reads, beside the clock's speed and the token."""
 _OF_A_MACHINE = {"fetched", apart.ENDED}
 """Checks that fail where a machine does not reach the store, finds other bytes there, or is too slow."""
-_LOG_BYTES = 64 << 10
 
 
 def lab_sha256(site: Site) -> str:
-    """0x and the SHA-256 of all that a verification reads of the site, as canonical JSON (RFC 8785)."""
+    """0x and the SHA-256 of all that a verification reads of the site."""
     said = {name: site.model_dump(mode="json", include={name})[name] for name in _LAB}
     for robot, told in zip(site.robots, said["robots"], strict=True):
         if robot.kinematics is not None:  # its content counts, wherever it lies
-            told["kinematics"] = hashlib.sha256(robot.kinematics.read_bytes()).hexdigest()
+            told["kinematics"] = _sha256(robot.kinematics)
     clock, token = site.clock, site.economy.token
     said |= {
         "clock": [clock.source, clock.speed, clock.idle_speed],
         "token": token and token.model_dump(mode="json"),
         "max_bytes": site.store.max_bytes,
     }
-    return "0x" + hashlib.sha256(rfc8785.dumps(said)).hexdigest()
+    return "0x" + hex_of(said)
 
 
 class Asked(BaseModel):
@@ -82,6 +81,7 @@ class Verify:
 
     def __init__(self, site: Site, scratch: Path) -> None:
         self._site, self._scratch = site, scratch
+        self._children = apart.Children(site)
         self._starting = threading.Lock()
         self._rules: Mapping[str, str | None] | None = None
         self.longest_s = apart.ATTEMPTS * site.oracle.time_limit_s
@@ -120,13 +120,17 @@ class Verify:
             proof_sha256=proof_sha256,
             rules=rules,
             lab_sha256=self.lab_sha256,
-            package=version("rodeo-dao"),
+            package=_package(),
         )
         return Job(VERIFY, asked.model_dump(mode="json"), file)
 
     def file(self, path: Path, chain: ChainRecord | None = None) -> Job:
-        """The question about any file or bag: nobody need have submitted it."""
-        return self.job(_sha256(path), chain, path, submitted=False)
+        """The question about any file or bag: nobody need have submitted it. Raises InvalidRequest."""
+        try:
+            sha256 = _sha256(path, self._site.store.max_bytes)
+        except OSError as error:
+            raise InvalidRequest("the file cannot be read", path=str(path), reason=str(error)) from error
+        return self.job(sha256, chain, path, submitted=False)
 
     def do(self, job: Job, stop: threading.Event) -> bytes:
         asked = Asked.model_validate(job.given)
@@ -146,12 +150,12 @@ class Verify:
             report = Report.model_validate_json(answer)
         except ValidationError as error:
             raise BadAnswer("the answer is no report", reason=unreadable(error)) from error
-        task = asked.chain and asked.chain.task
-        wanted: dict[str, Any] = {"proof_sha256": asked.proof_sha256}
+        task = None if asked.chain is None else asked.chain.task
+        wanted: dict[str, Any] = {}
+        if asked.submitted or report.accepted or not self._is_unread(report, task, job.file):
+            wanted["proof_sha256"] = asked.proof_sha256
         if task:
             wanted |= {"task_id": task.id, "attempt": task.attempt, "kind": task.kind}
-        elif not report.accepted:
-            wanted = {}  # what cannot be read has no hash in its report
         if report.kind in asked.rules:
             wanted["rules_sha256"] = asked.rules[report.kind]
         wrong = {
@@ -160,24 +164,33 @@ class Verify:
         if wrong:
             raise BadAnswer("the report is on another proof", **wrong)
 
+    @staticmethod
+    def _is_unread(report: Report, task: Task | None, file: Path | None) -> bool:
+        """Whether the report on any file names another hash than the file's: one that cannot be read has
+        none, or that of the task, and a folder has one of its bag."""
+        is_bag = file is not None and file.is_dir()
+        return is_bag or report.proof_sha256 == (task.proof_sha256 if task else None)
+
     def doubt(self, answer: bytes) -> str:
         report = Report.model_validate_json(answer)
         ends = {check.name for check in report.checks if check.passed is False}
         return report.reason if ends & _OF_A_MACHINE else ""
 
+    def close(self) -> None:
+        self._children.end()
+
     def _compare(self, asked: Asked) -> None:
         """Raises WorkerDiffers."""
-        own = {
-            "package": version("rodeo-dao"),
-            "lab_sha256": self.lab_sha256,
-            "rules": {kind: self.rules.get(kind) for kind in asked.rules},
+        # In this order: another package or lab may have kinds that are not installed here.
+        own: dict[str, Callable[[], object]] = {
+            "package": _package,
+            "lab_sha256": lambda: self.lab_sha256,
+            "rules": lambda: {kind: self.rules.get(kind) for kind in asked.rules},
         }
-        for name, value in own.items():
-            if getattr(asked, name) != value:
+        for name, here in own.items():
+            if (value := here()) != (wanted := getattr(asked, name)):
                 raise WorkerDiffers(
-                    f"this worker has another {name} than the job asks for",
-                    here=value,
-                    asked=getattr(asked, name),
+                    f"this worker has another {name} than the job asks for", here=value, asked=wanted
                 )
 
     def _unlike(self, file: Path, sha256: str) -> EvidenceError | None:
@@ -205,16 +218,22 @@ class Verify:
                     failed=failed,
                     submitted=asked.submitted,
                     log_to=log,
+                    children=self._children,
                 )
             except apart.VerificationFailed as error:
                 ended = str(error)
             except ProofUriNotAllowed as error:
                 raise WorkerDiffers(str(error)) from error
             except (StoreUnavailable, DiskFull) as error:
-                raise JobFailed(str(error), log=_tail(log)) from error
+                raise JobFailed(str(error), log=tail(log)) from error
             except EvidenceError as error:
                 return _not_fetched(asked, error)
-        raise JobFailed(ended, log=_tail(log))
+        raise JobFailed(ended, log=tail(log))
+
+
+@cache
+def _package() -> str:
+    return version("rodeo-dao")
 
 
 def _not_fetched(asked: Asked, error: EvidenceError) -> Report:
@@ -230,14 +249,13 @@ def _not_fetched(asked: Asked, error: EvidenceError) -> Report:
     return apart.report_on(task, found)
 
 
-def _sha256(path: Path) -> str:
-    """0x and the hash of a file's bytes, or of the files of a bag that is a folder."""
+def _sha256(path: Path, most_bytes: float = math.inf) -> str:
+    """0x and the hash of a file's bytes, or of the files of a bag that is a folder. What is larger than
+    `most_bytes` is not read: of that, only the size counts."""
     if path.is_dir():
-        parts = {one.name: _sha256(one) for one in path.iterdir()}
-        return "0x" + hashlib.sha256(rfc8785.dumps(parts)).hexdigest()
+        files = [one for one in path.rglob("*") if one.is_file()]
+        return "0x" + hex_of({str(one.relative_to(path)): _sha256(one, most_bytes) for one in files})
+    if (size := path.stat().st_size) > most_bytes:
+        return "0x" + hex_of(size)
     with path.open("rb") as file:
         return "0x" + file_digest(file, "sha256").hexdigest()
-
-
-def _tail(log: Path) -> str:
-    return log.read_bytes()[-_LOG_BYTES:].decode(errors="replace") if log.exists() else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -11,13 +12,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from rodeo.errors import Interrupted
+from rodeo.errors import AlreadyRunning, FolderTaken, Interrupted, InvalidRequest
 from rodeo.host.files import replace_file
-from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed, WorkerDiffers
+from rodeo.host.instance import lock_instance
+from rodeo.jobs.job import (
+    MOST_BYTES,
+    BadAnswer,
+    Engine,
+    EngineGone,
+    Job,
+    JobError,
+    JobFailed,
+    WorkerDiffers,
+)
 from rodeo.jobs.local import Local
 
 log = logging.getLogger(__name__)
 
+_MOST_PLACES = 1024
+"""Jobs at the same time, however many workers an engine has: each waits in a thread of this process."""
 TRIES = 2
 """How often a job is given to an engine of other machines before it is done here."""
 
@@ -48,19 +61,29 @@ class Runner:
         local: the engine of this machine.
         elsewhere: the engine that jobs are given to first; `local` does what it fails at.
         folder: answers that last are kept here under their job's key, and a job whose answer is here is not
-            done again.
+            done again. One runner at a time has it.
+
+    Entering it raises FolderTaken, and InvalidRequest where there can be no such folder.
     """
 
     def __init__(self, local: Local, elsewhere: Engine | None = None, *, folder: Path) -> None:
         self._local, self._elsewhere = local, elsewhere
-        self._places = (elsewhere or local).places
         self._folder = folder
-        self._differ = dict[str, JobError]()
+        self._named = dict[str, JobError]()
+        self._is_gone = False
+        """Whether `elsewhere` has ended."""
+        self._lock = -1
         self.stop = threading.Event()
         """Set it to end all jobs."""
 
     def __enter__(self) -> Self:
-        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self._lock = lock_instance(self._folder)
+        except AlreadyRunning as error:
+            words = "another command does jobs in this folder: wait for it, or name another folder"
+            raise FolderTaken(words, folder=str(self._folder)) from error
+        except OSError as error:
+            raise self._unusable(error) from error
         return self
 
     def __exit__(
@@ -69,6 +92,7 @@ class Runner:
         self.stop.set()
         for engine in filter(None, (self._elsewhere, self._local)):
             engine.close()
+        os.close(self._lock)
 
     def run(self, jobs: Iterable[Job]) -> Iterator[Done]:
         """What came of each job, in the order in which they end. Of jobs with equal keys one is done. `jobs`
@@ -78,7 +102,7 @@ class Runner:
         """
         running: dict[Future[Done], str] = {}
         same: dict[str, list[Job]] = {}
-        with ThreadPoolExecutor(self._places, thread_name_prefix="job") as pool:
+        with ThreadPoolExecutor(_MOST_PLACES, thread_name_prefix="job") as pool:
             try:
                 for job in jobs:
                     if job.key in same:
@@ -90,7 +114,7 @@ class Runner:
                         continue
                     same[job.key] = [job]
                     running[pool.submit(self._do, job)] = job.key
-                    if len(running) >= self._places:
+                    while len(running) >= self._places:
                         yield from _ended(running, same)
                 while running:
                     yield from _ended(running, same)
@@ -99,12 +123,19 @@ class Runner:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
 
+    @property
+    def _places(self) -> int:
+        """It changes while workers join and leave."""
+        return min((self._elsewhere or self._local).places, _MOST_PLACES)
+
     def _do(self, job: Job) -> Done:
-        """Raises Interrupted."""
+        """Raises Interrupted, DiskFull, InvalidRequest."""
         began_s = time.monotonic()
         lost: list[JobError] = []
         engines: list[Engine] = [self._elsewhere] * TRIES if self._elsewhere else []
         for engine in (*engines, self._local):
+            if self._is_gone and engine is not self._local:
+                continue
             try:
                 answer = engine.do(job, self.stop, len(lost))
                 self._check(job, answer)
@@ -114,16 +145,18 @@ class Runner:
                 if self.stop.is_set():
                     raise Interrupted("stopped while a job was done", job=job.key) from error
                 self._name(job, engine, error)
+                self._is_gone |= isinstance(error, EngineGone)
                 lost.append(error)
                 continue
             if not doubt:
-                replace_file(self._path(job), answer)
+                self._keep(job, answer)
             return Done(job, answer, None, engine.name, time.monotonic() - began_s, tuple(lost))
         return Done(job, None, lost.pop(), self._local.name, time.monotonic() - began_s, tuple(lost))
 
     def _name(self, job: Job, engine: Engine, error: JobError) -> None:
-        """A worker that differs does so for every job: it is named once."""
-        if isinstance(error, WorkerDiffers) and self._differ.setdefault(str(error), error) is not error:
+        """A worker that differs does so for every job, and an engine that is gone: they are named once."""
+        is_same = isinstance(error, WorkerDiffers | EngineGone)
+        if is_same and self._named.setdefault(str(error), error) is not error:
             return
         log.warning("job %s of %s: %s", job.key[:8], engine.name, error)
 
@@ -136,13 +169,27 @@ class Runner:
     def _path(self, job: Job) -> Path:
         return self._folder / f"{job.key}.json"
 
-    def _kept(self, job: Job) -> bytes | None:
+    def _keep(self, job: Job, answer: bytes) -> None:
         try:
-            answer = self._path(job).read_bytes()
-        except FileNotFoundError:
+            replace_file(self._path(job), answer)
+        except OSError as error:
+            raise self._unusable(error) from error
+
+    def _unusable(self, error: OSError) -> InvalidRequest:
+        return InvalidRequest(
+            "answers cannot be kept in this folder", folder=str(self._folder), reason=str(error)
+        )
+
+    def _kept(self, job: Job) -> bytes | None:
+        path = self._path(job)
+        if not path.is_file():
             return None
         try:
+            with path.open("rb") as file:
+                answer = file.read(MOST_BYTES + 1)
             self._check(job, answer)
+        except OSError as error:
+            raise self._unusable(error) from error
         except BadAnswer as error:
             log.warning("doing a job again, whose kept answer is damaged: %s", error)
             return None

@@ -11,6 +11,7 @@ import zenoh
 import zenoh.ext
 
 from rodeo.bus.receiving import direct
+from rodeo.bus.sending import count_sent
 from rodeo.errors import DiskFull
 from rodeo.ros2 import wire
 from rodeo.ros2.definitions import definition
@@ -96,6 +97,7 @@ class Publisher:
         if source_time_ns is None:
             source_time_ns = self._clock.now_ns()
         sequence = next(self._sequence)
+        count_sent()
         self._publisher.put(cdr, attachment=wire.attachment(sequence, source_time_ns, self._gid))
         return sequence
 

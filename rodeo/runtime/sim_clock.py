@@ -200,9 +200,9 @@ class SimClock:
     ) -> bool:
         end_s = math.inf if wall_s is None else time.monotonic() + wall_s
         until_ns = None if until_s is None or math.isinf(until_s) else math.ceil(until_s * 1e9)
-        waiter = self._waiter(until_ns, resting, done if check is None else lambda: True)
         slice_s = _UNSTOPPED_S if check is None and stop is not None and stop is self._end else WALL_SLICE_S
         with self._changed:
+            waiter = self._waiter(until_ns, resting, done if check is None else lambda: True)
             self._waiters.append(waiter)
             try:
                 while not (happened := done()):
@@ -222,8 +222,7 @@ class SimClock:
                     waiter.seen = news
             finally:
                 self._waiters.remove(waiter)
-                if self.holder is not None:
-                    self.holder.goes_on(waiter)
+                self._publish_hold()
         return happened
 
     def _next_look_ns(self, until_ns: int | None, every_s: float) -> int | None:

@@ -106,271 +106,206 @@ def _matcher(key: str, last_part: str) -> re.Pattern[str]:
     return re.compile(text + re.escape(last))
 
 
-def _topic(key: str, type: str, rate_hz: float | None, writer: str, recorded: bool, meaning: str) -> Topic:
-    return Topic(key, type, Form.TOPIC, Plane.ROBOT, rate_hz, writer, recorded, meaning)
+def _topic(key: str, type: str, rate_hz: float | None, writer: str, meaning: str, **marks: bool) -> Topic:
+    """`marks` are `recorded`, `latched` and `lazy`."""
+    return Topic(key, type, Form.TOPIC, Plane.ROBOT, rate_hz, writer, meaning=meaning, **marks)
 
 
-def _served(key: str, type: str, form: Form, meaning: str, writer: str = "") -> Topic:
-    writer = writer or (BODY if key.startswith("{ns}/") else "robot_sim")
-    return Topic(key, type, form, Plane.ROBOT, None, writer, meaning=meaning)
+def _body(key: str, type: str, rate_hz: float | None, meaning: str, **marks: bool) -> Topic:
+    return _topic(key, type, rate_hz, BODY, meaning, **marks)
 
 
-def _dao(key: str, type: str, form: Form, writer: str, meaning: str, rate_hz: float | None = None) -> Topic:
-    return Topic(key, type, form, Plane.DAO, rate_hz, writer, False, meaning)
+def _service(key: str, type: str, meaning: str, writer: str = BODY) -> Topic:
+    return Topic(key, type, Form.SERVICE, Plane.ROBOT, None, writer, meaning=meaning)
+
+
+def _action(key: str, type: str, meaning: str) -> Topic:
+    return Topic(key, type, Form.ACTION, Plane.ROBOT, None, BODY, meaning=meaning)
+
+
+def _ros(key: str, type: str, form: Form, meaning: str, writer: str = "ros_dao") -> Topic:
+    return Topic(key, type, form, Plane.ORGANIZATION, None, writer, meaning=meaning)
+
+
+def _ros_topic(key: str, type: str, meaning: str) -> Topic:
+    return replace(_ros(key, type, Form.TOPIC, meaning), latched=True)
+
+
+def _dao_topic(key: str, type: str, writer: str, meaning: str, rate_hz: float | None = None) -> Topic:
+    return Topic(key, type, Form.TOPIC, Plane.DAO, rate_hz, writer, meaning=meaning)
+
+
+def _dao_query(key: str, type: str, writer: str, meaning: str) -> Topic:
+    return Topic(key, type, Form.QUERY, Plane.DAO, None, writer, meaning=meaning)
 
 
 # -- robot plane: what any robot offers ----------------------------------------------------------------
 
-CLOCK = _topic("clock", "rosgraph_msgs/msg/Clock", 50, "robot_sim", False, "simulated time")
-ODOM = _topic("{ns}/odom", "nav_msgs/msg/Odometry", 50, BODY, True, "wheel odometry of the base")
-JOINT_STATES = _topic(
-    "{ns}/joint_states", "sensor_msgs/msg/JointState", 50, BODY, True, "arm, fingers and wheels"
+CLOCK = _topic("clock", "rosgraph_msgs/msg/Clock", 50, "robot_sim", "simulated time")
+ODOM = _body("{ns}/odom", "nav_msgs/msg/Odometry", 50, "wheel odometry of the base", recorded=True)
+JOINT_STATES = _body(
+    "{ns}/joint_states", "sensor_msgs/msg/JointState", 50, "arm, fingers and wheels", recorded=True
 )
-ARM_STATE = _topic(
+ARM_STATE = _body(
     "{ns}/arm_controller/controller_state",
     "control_msgs/msg/JointTrajectoryControllerState",
     10,
-    BODY,
-    True,
     "reference and measured positions of the arm's controller",
+    recorded=True,
 )
-GRIPPER_STATE = _topic(
+GRIPPER_STATE = _body(
     "{ns}/gripper_controller/controller_state",
     "control_msgs/msg/JointTrajectoryControllerState",
     10,
-    BODY,
-    True,
     "the same of the fingers' controller: the reference is the last command",
+    recorded=True,
 )
-BATTERY_STATE = _topic(
-    "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, BODY, True, "the robot's battery"
+BATTERY_STATE = _body(
+    "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, "the robot's battery", recorded=True
 )
-POSE = _topic(
+POSE = _body(
     "{ns}/pose",
     "geometry_msgs/msg/PoseStamped",
     50,
-    BODY,
-    True,
     "the robot's own localisation in the map; only on sites without motion capture",
+    recorded=True,
 )
 ITEM_POSE = _topic(
     "{ns}/item_pose",
     "geometry_msgs/msg/PoseStamped",
     None,
     "robot_agent",
-    True,
     "pose in the map at which the robot sees the item that it will grasp",
+    recorded=True,
 )
-CMD_VEL = _topic(
-    "{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", False, "base velocity command"
-)
-SCAN = replace(
-    _topic("{ns}/scan", "sensor_msgs/msg/LaserScan", 10, BODY, False, "obstacles 0.2 m above the floor"),
+CMD_VEL = _topic("{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", "base velocity command")
+SCAN = _body("{ns}/scan", "sensor_msgs/msg/LaserScan", 10, "obstacles 0.2 m above the floor", lazy=True)
+WRIST_DEPTH = _body(
+    "{ns}/wrist_camera/depth/image_rect_raw",
+    "sensor_msgs/msg/Image",
+    5,
+    "depth seen from the wrist, 32FC1 in m",
     lazy=True,
 )
-WRIST_DEPTH = replace(
-    _topic(
-        "{ns}/wrist_camera/depth/image_rect_raw",
-        "sensor_msgs/msg/Image",
-        5,
-        BODY,
-        False,
-        "depth seen from the wrist, 32FC1 in m",
-    ),
+WRIST_DEPTH_INFO = _body(
+    "{ns}/wrist_camera/depth/camera_info",
+    "sensor_msgs/msg/CameraInfo",
+    5,
+    "intrinsics, one message with each depth image",
     lazy=True,
 )
-WRIST_DEPTH_INFO = replace(
-    _topic(
-        "{ns}/wrist_camera/depth/camera_info",
-        "sensor_msgs/msg/CameraInfo",
-        5,
-        BODY,
-        False,
-        "intrinsics, one message with each depth image",
-    ),
+WRIST_IMAGE = _body(
+    "{ns}/wrist_camera/image/compressed",
+    "sensor_msgs/msg/CompressedImage",
+    1,
+    "colour image from the wrist, JPEG",
     lazy=True,
 )
-WRIST_IMAGE = replace(
-    _topic(
-        "{ns}/wrist_camera/image/compressed",
-        "sensor_msgs/msg/CompressedImage",
-        1,
-        BODY,
-        False,
-        "colour image from the wrist, JPEG",
-    ),
-    lazy=True,
+TF = _body("tf", "tf2_msgs/msg/TFMessage", 50, "frames of each robot, `{ns}/...`, in the map", lazy=True)
+TF_STATIC = _body("tf_static", "tf2_msgs/msg/TFMessage", None, "frames that do not move", latched=True)
+ROBOT_DESCRIPTION = _body(
+    "{ns}/robot_description", "std_msgs/msg/String", None, "the robot as URDF", latched=True
 )
-TF = replace(
-    _topic("tf", "tf2_msgs/msg/TFMessage", 50, BODY, False, "frames of each robot, `{ns}/...`, in the map"),
-    lazy=True,
-)
-TF_STATIC = replace(
-    _topic(
-        "tf_static",
-        "tf2_msgs/msg/TFMessage",
-        None,
-        BODY,
-        False,
-        "frames that do not move",
-    ),
-    latched=True,
-)
-ROBOT_DESCRIPTION = replace(
-    _topic("{ns}/robot_description", "std_msgs/msg/String", None, BODY, False, "the robot as URDF"),
-    latched=True,
-)
-PLAN = replace(
-    _topic(
-        "{ns}/plan",
-        "nav_msgs/msg/Path",
-        None,
-        BODY,
-        False,
-        "the planned path of the base",
-    ),
-    latched=True,
-)
-EMERGENCY_STOP = _served(
+PLAN = _body("{ns}/plan", "nav_msgs/msg/Path", None, "the planned path of the base", latched=True)
+EMERGENCY_STOP = _service(
     "{ns}/emergency_stop",
     "std_srvs/srv/SetBool",
-    Form.SERVICE,
     "true stops base and arm, and aborts and rejects goals until a call with false",
 )
-MOTOR_POWER = _served(
+MOTOR_POWER = _service(
     "{ns}/motor_power",
     "std_srvs/srv/SetBool",
-    Form.SERVICE,
     "optional; false cuts the motors' power outside the robot's working hours: the robot draws its standby "
     "power and rejects goals until a call with true",
 )
-NAVIGATE_TO_POSE = _served(
+NAVIGATE_TO_POSE = _action(
     "{ns}/navigate_to_pose",
     "nav2_msgs/action/NavigateToPose",
-    Form.ACTION,
     "drive the base to a pose in the map frame, around obstacles",
 )
-FOLLOW_JOINT_TRAJECTORY = _served(
+FOLLOW_JOINT_TRAJECTORY = _action(
     "{ns}/arm_controller/follow_joint_trajectory",
     "control_msgs/action/FollowJointTrajectory",
-    Form.ACTION,
     "move the arm along a joint trajectory",
 )
-GRIPPER_CMD = _served(
-    "{ns}/gripper_controller/gripper_cmd",
-    "control_msgs/action/GripperCommand",
-    Form.ACTION,
-    "open or close the fingers",
+GRIPPER_CMD = _action(
+    "{ns}/gripper_controller/gripper_cmd", "control_msgs/action/GripperCommand", "open or close the fingers"
 )
 
 # -- robot plane: what its recorder offers a mind that is a ROS 2 node ---------------------------------------
 
-START_RECORDING = _served(
+START_RECORDING = _service(
     "{ns}/start_recording",
     "rodeo_msgs/srv/StartRecording",
-    Form.SERVICE,
     "record an attempt; answered when motion capture lists the recording",
     RECORDER,
 )
-PRESENT = _served(
+PRESENT = _service(
     "{ns}/present",
     "rodeo_msgs/srv/Present",
-    Form.SERVICE,
     "sign for a bin that the robot shows it something; answered with what the bin says of it",
     RECORDER,
 )
-STOP_RECORDING = _served(
+STOP_RECORDING = _service(
     "{ns}/stop_recording",
     "rodeo_msgs/srv/StopRecording",
-    Form.SERVICE,
     "seal and store the recording, once it holds what the kind of work needs; answered with URI and hash",
     RECORDER,
 )
-ROBOT_ORDERS = replace(
-    _topic("{ns}/orders", "rodeo_msgs/msg/RobotOrders", None, RECORDER, False, "the orders that hold"),
-    latched=True,
+ROBOT_ORDERS = _topic(
+    "{ns}/orders", "rodeo_msgs/msg/RobotOrders", None, RECORDER, "the orders that hold", latched=True
 )
 
 # -- robot plane: what every node of ROS 2 opens by itself, beside its own parameters' services --------------
 
-ROSOUT = replace(
-    _topic("rosout", "rcl_interfaces/msg/Log", None, EVERY_NODE, False, "what nodes log"), latched=True
-)
+ROSOUT = _topic("rosout", "rcl_interfaces/msg/Log", None, EVERY_NODE, "what nodes log", latched=True)
 PARAMETER_EVENTS = _topic(
-    "parameter_events",
-    "rcl_interfaces/msg/ParameterEvent",
-    None,
-    EVERY_NODE,
-    False,
-    "changes of nodes' parameters",
+    "parameter_events", "rcl_interfaces/msg/ParameterEvent", None, EVERY_NODE, "changes of nodes' parameters"
 )
 
 # -- robot plane: what the lab itself offers ------------------------------------------------------------
 
 MOCAP_POSE = _topic(
-    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "mocap", False, "motion capture in the map"
+    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "mocap", "motion capture in the map"
 )
 BIN_PRESENCE = _topic(
-    "{bin}/presence",
-    "sensor_msgs/msg/Range",
-    10,
-    DRIVER,
-    False,
-    "distance to the item in front of the bin's camera",
+    "{bin}/presence", "sensor_msgs/msg/Range", 10, DRIVER, "distance to the item in front of the bin's camera"
 )
 BIN_LOAD = _topic(
     "{bin}/{compartment}/load",
     "geometry_msgs/msg/WrenchStamped",
     10,
     DRIVER,
-    True,
     "weight in the compartment",
+    recorded=True,
 )
 BIN_IMAGE = _topic(
     "{bin}/camera/image/compressed",
     "sensor_msgs/msg/CompressedImage",
     None,
     DRIVER,
-    False,
     "a frame of the bin's camera, one per capture",
 )
-BIN_CAPTURE = _served(
-    "{bin}/camera/capture",
-    "std_srvs/srv/Trigger",
-    Form.SERVICE,
-    "software trigger of the bin's camera",
-    DRIVER,
+BIN_CAPTURE = _service(
+    "{bin}/camera/capture", "std_srvs/srv/Trigger", "software trigger of the bin's camera", DRIVER
 )
 DOCK_OUTPUT = _topic(
-    "{dock}/output",
-    "sensor_msgs/msg/BatteryState",
-    1,
-    DRIVER,
-    True,
-    "V and A at the contacts",
+    "{dock}/output", "sensor_msgs/msg/BatteryState", 1, DRIVER, "V and A at the contacts", recorded=True
 )
-DOCK_ENABLE = _served(
-    "{dock}/enable", "std_srvs/srv/SetBool", Form.SERVICE, "close or open the dock's contactor", DRIVER
-)
-SET_ENTITY_STATE = _served(
+DOCK_ENABLE = _service("{dock}/enable", "std_srvs/srv/SetBool", "close or open the dock's contactor", DRIVER)
+SET_ENTITY_STATE = _service(
     "lab/set_entity_state",
     "simulation_interfaces/srv/SetEntityState",
-    Form.SERVICE,
     "simulated labs only: set the pose of an item, an obstacle or a robot that is not simulated",
+    "robot_sim",
 )
 
 # -- the organization as ROS 2 nodes see it: names with hyphens as underscores (`ros_names`) ----
-
-
-def _ros(key: str, type: str, form: Form, writer: str, meaning: str) -> Topic:
-    return Topic(key, type, form, Plane.ORGANIZATION, None, writer, meaning=meaning)
-
 
 ROS_SERVICE = _ros(
     "{org}/{participant}/{service}",
     "rodeo_msgs/srv/...",
     Form.SERVICE,
-    "ros_dao",
     "a command that the participant gives, or a query: [ROS 2 interfaces](ros2.md) lists them",
 )
 
@@ -378,193 +313,139 @@ ROS_CREATE_TASK = _ros(
     "{org}/{participant}/create_task",
     "rodeo_msgs/action/CreateTask",
     Form.ACTION,
-    "ros_dao",
     "post a task and follow it to its end; many goals at a time",
 )
 ROS_DO_TASK = _ros(
     "{org}/{participant}/do_task",
     "rodeo_msgs/action/DoTask",
     Form.ACTION,
-    NODE,
     "a task that the participant is assigned is a goal of its own node, whose result is the proof",
+    NODE,
 )
-ROS_TASKS = replace(
-    _ros(
-        "{org}/{participant}/tasks",
-        "rodeo_msgs/msg/Tasks",
-        Form.TOPIC,
-        "ros_dao",
-        "open and running tasks, the newest 500; `total` counts all of them, and `get_tasks` has the rest",
-    ),
-    latched=True,
+ROS_TASKS = _ros_topic(
+    "{org}/{participant}/tasks",
+    "rodeo_msgs/msg/Tasks",
+    "open and running tasks, the newest 500; `total` counts all of them, and `get_tasks` has the rest",
 )
-ROS_SERVICES = replace(
-    _ros(
-        "{org}/{participant}/services",
-        "rodeo_msgs/msg/Services",
-        Form.TOPIC,
-        "ros_dao",
-        "services that participants offer, at most 500",
-    ),
-    latched=True,
+ROS_SERVICES = _ros_topic(
+    "{org}/{participant}/services", "rodeo_msgs/msg/Services", "services that participants offer, at most 500"
 )
-ROS_BALANCES = replace(
-    _ros(
-        "{org}/{participant}/balances",
-        "rodeo_msgs/msg/Wallets",
-        Form.TOPIC,
-        "ros_dao",
-        "balances of the site's participants",
-    ),
-    latched=True,
+ROS_BALANCES = _ros_topic(
+    "{org}/{participant}/balances", "rodeo_msgs/msg/Wallets", "balances of the site's participants"
 )
-ROS_EVENTS = replace(
-    _ros(
-        "{org}/{participant}/events",
-        "rodeo_msgs/msg/DaoEvent",
-        Form.TOPIC,
-        "ros_dao",
-        "each contract event from now on. A node that comes late or was away hears the newest one, and asks "
-        "`get_events` for those after the last that it knows",
-    ),
-    latched=True,
+ROS_EVENTS = _ros_topic(
+    "{org}/{participant}/events",
+    "rodeo_msgs/msg/DaoEvent",
+    "each contract event from now on. A node that comes late or was away hears the newest one, and asks "
+    "`get_events` for those after the last that it knows",
 )
 
 # -- DAO plane ------------------------------------------------------------------------------------------
 
-COMMAND = _dao(
+COMMAND = _dao_query(
     "rodeo/{org}/wallet/{participant}/{command}",
     "Command",
-    Form.QUERY,
     "bridge",
     "the bridge signs a command with the participant's wallet and sends the transaction",
 )
-STATE = _dao(
-    "rodeo/{org}/state/{what}",
-    "per query",
-    Form.QUERY,
-    "bridge",
-    "answers from the bridge's index of the chain",
+STATE = _dao_query(
+    "rodeo/{org}/state/{what}", "per query", "bridge", "answers from the bridge's index of the chain"
 )
-EVENT = _dao(
-    "rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "each contract event, in chain order"
-)
-SIGHT = _dao(
+EVENT = _dao_topic("rodeo/{org}/event/{event}", "DaoEvent", "bridge", "each contract event, in chain order")
+SIGHT = _dao_query(
     "rodeo/{org}/sight/{who}/{act}",
     "per query",
-    Form.QUERY,
     "bridge",
     "a robot reports something on the floor or that it is gone (report, gone), and a person says what it is "
     "(say)",
 )
-SEEN = _dao(
+SEEN = _dao_topic(
     "rodeo/{org}/seen/{thing}",
     "SeenThing",
-    Form.TOPIC,
     "bridge",
     "a thing that a robot saw on the floor, when something about it changes",
 )
-VOTE = _dao(
+VOTE = _dao_topic(
     "rodeo/{org}/vote/{judge}",
     "SealedVote",
-    Form.TOPIC,
     "oracle",
     "the signature of one of several oracles that has judged a proof: who found the same can count it; again "
     "until there is a verdict",
 )
-SEAL = _dao(
+SEAL = _dao_topic(
     "rodeo/{org}/seal/{device}",
     "Attestation",
-    Form.TOPIC,
     "every process",
     "each seal of a running recording, published by the device that records",
 )
-WITNESS_STATEMENT = _dao(
+WITNESS_STATEMENT = _dao_topic(
     "rodeo/{org}/witness/{device}/statement",
     "Attestation",
-    Form.TOPIC,
     "every process",
     "a statement that a device signed, one link of its chain",
 )
-WITNESS_STATEMENTS = _dao(
+WITNESS_STATEMENTS = _dao_query(
     "rodeo/{org}/witness/{device}/statements",
     "per query",
-    Form.QUERY,
     "every process",
     "earlier statements of the device, as it signed them: `?after=SEQ;limit=N`",
 )
-PROOF_COPY = _dao(
+PROOF_COPY = _dao_query(
     "rodeo/{org}/proof/{device}",
     "ProofCopy",
-    Form.QUERY,
     "every process",
     "the device's own copy of a proof that it recorded: `?sha256=0x...;put=1` uploads it to the store "
     "again, `?sha256=0x...;offset=N` reads a part of it",
 )
-BIN_PICTURE = _dao(
+BIN_PICTURE = _dao_query(
     "rodeo/{org}/itrash/{bin}/picture",
     "per query",
-    Form.QUERY,
     "itrash",
     "a picture that the bin classified, as the camera encoded it: `?sha256=0x...`",
 )
-BIN_STATE = _dao(
-    "rodeo/{org}/itrash/{bin}/state",
-    "BinState",
-    Form.QUERY,
-    "itrash",
-    "state of the bin, and its last attestations",
+BIN_STATE = _dao_query(
+    "rodeo/{org}/itrash/{bin}/state", "BinState", "itrash", "state of the bin, and its last attestations"
 )
-BIN_CORRECTIONS = _dao(
+BIN_CORRECTIONS = _dao_query(
     "rodeo/{org}/itrash/{bin}/corrections",
     "per query",
-    Form.QUERY,
     "itrash",
     "how often the bin was right, by those who looked; a signed correction as payload is stored before",
 )
-ROBOT_ORDER = _dao(
+ROBOT_ORDER = _dao_query(
     "rodeo/{org}/robot/{robot}/{order}",
     "per query",
-    Form.QUERY,
     RECORDER,
     "orders to the robot (pause, resume, charge, cancel, stop), its state, and why it decided what (explain)",
 )
-STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
-ALIVE = _dao(
-    "rodeo/{org}/alive/{process}",
-    "liveliness token",
-    Form.TOPIC,
-    "every process",
-    "present while the process runs",
+STATUS = _dao_topic("rodeo/{org}/status/{process}", "Status", "every process", "heartbeat", 1)
+ALIVE = _dao_topic(
+    "rodeo/{org}/alive/{process}", "liveliness token", "every process", "present while the process runs"
 )
-SERVES = _dao(
+SERVES = _dao_topic(
     "rodeo/{org}/serves/{what}/{name}/{state}/{holder}",
     "liveliness token",
-    Form.TOPIC,
     "every process",
     "the process that claims or serves a wallet, the oracle, a robot, bin, dock or motion capture, an "
     "owner's ROS nodes, the clock or the console: one at a time",
 )
-CLOCK_MARK = _dao(
+CLOCK_MARK = _dao_topic(
     "rodeo/{org}/clock/mark/{to}",
     "ClockMark",
-    Form.TOPIC,
     "robot_sim",
     "the simulator asks the holder of its clock that `to` names, or `all`, whether everything that it sent "
     "before has been received",
 )
-BODY_MARK = _dao(
+BODY_MARK = _dao_topic(
     "rodeo/{org}/clock/body/{robot}",
     "ClockMark",
-    Form.TOPIC,
     BODY,
     "a simulated body with its own session has sent everything up to now; the simulator then sends its "
     "own mark",
 )
-CLOCK_HOLD = _dao(
+CLOCK_HOLD = _dao_topic(
     "rodeo/{org}/clock/hold/{process}/{session}",
     "ClockHold",
-    Form.TOPIC,
     "every process",
     "the process is busy, or has nothing to do before a time; the simulator's clock waits for the process "
     "while a liveliness token of this name exists",

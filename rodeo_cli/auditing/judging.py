@@ -15,6 +15,7 @@ from rodeo.checks.acts import Act, MalformedAct, acts_listed, acts_unspent
 from rodeo.checks.report import Report
 from rodeo.evidence.errors import EvidenceError, StoreUnavailable
 from rodeo.evidence.store import Store
+from rodeo.jobs.apart import ENDED
 from rodeo.jobs.job import Job
 from rodeo.jobs.proofs import Verify
 from rodeo.jobs.runner import Done, Runner
@@ -87,7 +88,8 @@ class Audit:
     def judge(self, attempts: Iterable[Attempt]) -> Iterator[Verdict]:
         """The verdicts on `attempts`, in the order in which they were judged again.
 
-        What they claim is compared at the end (`compare_claims`).
+        What they claim is compared at the end (`compare_claims`). Raises StoreUnavailable where the store is
+        a folder that is not there.
         """
         asked: dict[str, Verdict] = {}
         ready: list[Verdict] = []
@@ -103,6 +105,7 @@ class Audit:
                     continue
                 # Executors name what they like: files of this machine, too.
                 uri = self._store.whereabouts(attempt.proof_uri, attempt.proof_sha256, ".mcap")
+                self._store.require_folder(uri)
                 record = record.model_copy(update={"task": task.model_copy(update={"proof_uri": uri})})
                 job = self._verify.job(attempt.proof_sha256, record, self._store.file(uri))
                 asked[job.key] = verdict
@@ -176,6 +179,10 @@ def _judged(verdict: Verdict, done: Done, rules_sha256: str | None) -> None:
     verdict.same_report = attempt.report_sha256 in _hashes(report)
     other_rules = verdict.rules_sha256 != rules_sha256
     differs = not _agrees(attempt, report.outcome)
+    if report.reason.startswith(f"{ENDED}: ") and differs:
+        # Of an oracle that is a verdict. Here it says that this machine is slower, or has less memory.
+        verdict.failed, verdict.today, verdict.unjudged = True, "", report.reason
+        return
     if report.reason.startswith("fetched: ") and differs:
         verdict.findings.append(Finding("file", report.reason.removeprefix("fetched: ")))
         return

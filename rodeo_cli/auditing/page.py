@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 
 from rodeo.display.formatting import count, moment
 from rodeo_cli.auditing.judging import Verdict
 from rodeo_cli.auditing.summary import Summary
-from rodeo_cli.html import document, table
+from rodeo_cli.html import document, table, text
 
 _WIDTH, _HEIGHT, _LEFT, _BASE = 900, 190, 40, 140
 _BINS = 90
@@ -18,8 +17,8 @@ _MOST_ROWS = 2_000
 
 def page(summary: Summary) -> str:
     wrong = summary.wrong
-    body = [f"<h1>Audit of {escape(summary.org)}</h1>", f'<p class="soft">{escape(_scope(summary))}</p>']
-    body += [f"<p><b>{escape(sentence)}</b></p>" for sentence in conclusions(summary)]
+    body = [f"<h1>Audit of {text(summary.org)}</h1>", f'<p class="soft">{text(_scope(summary))}</p>']
+    body += [f"<p><b>{text(sentence)}</b></p>" for sentence in conclusions(summary)]
     if summary.verdicts:
         body += ["<h2>Verdicts by time</h2>", _timeline(summary.verdicts)]
     if noted := [one for one in summary.verdicts if one.findings or one.failed]:
@@ -123,13 +122,13 @@ def _timeline(verdicts: Sequence[Verdict]) -> str:
     drawn += [
         f'<circle cx="{x(one.attempt.time_s):.1f}" cy="{_BASE + 10}" r="4" '
         f'fill="{_COLOURS["otherwise today"]}"><title>task {one.attempt.task_id} attempt '
-        f"{one.attempt.number}: {escape('; '.join(f.detail for f in one.findings))}</title></circle>"
+        f"{one.attempt.number}: {text('; '.join(f.detail for f in one.findings))}</title></circle>"
         for one in verdicts
         if one.wrong
     ]
     drawn += [
-        f'<text x="{_LEFT}" y="{_HEIGHT - 8}">{escape(moment(begin_s))}</text>',
-        f'<text x="{_WIDTH - _LEFT}" y="{_HEIGHT - 8}" text-anchor="end">{escape(moment(end_s))}</text>',
+        f'<text x="{_LEFT}" y="{_HEIGHT - 8}">{text(moment(begin_s))}</text>',
+        f'<text x="{_WIDTH - _LEFT}" y="{_HEIGHT - 8}" text-anchor="end">{text(moment(end_s))}</text>',
         f'<text x="{_LEFT - 6}" y="46" text-anchor="end">{most}</text>',
     ]
     for number, (state, colour) in enumerate(_COLOURS.items()):

@@ -9,13 +9,18 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
 
+from sqlalchemy.exc import DBAPIError
+
 from rodeo.bus.messages import DaoEvent, Device, Root, Task
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.deployment import Deployment
+from rodeo.chain.node.errors import RpcFailed
 from rodeo.checks.case import ChainRecord
+from rodeo.errors import RequestError
 from rodeo.site.config import Site
 from rodeo.witness.days import day_of
 from services.bridge.contradiction import contradiction
+from services.bridge.errors import IndexUnusable
 from services.bridge.follower import Follower
 from services.bridge.index import UNDONE, Index, sqlite_url
 from services.bridge.node import Node
@@ -92,7 +97,7 @@ class History:
         deployment: which contracts.
         tell: called with (block, newest block) while the chain is read.
 
-    Raises ChainError.
+    Raises ChainError, IndexUnusable.
     """
 
     def __init__(
@@ -103,18 +108,12 @@ class History:
         deployment.verify(w3)
         self._site, self._deployment = site, deployment
         self._node = Node(site.chain.url, currency=deployment.currency)
-        self._index = Index(
-            sqlite_url(folder / f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}.sqlite"),
-            deployment.chain_id,
-            deployment.genesis_hash,
-            deployment.contracts,
-            currency=deployment.currency,
-        )
-        follower = Follower(
-            self._node, deployment, self._index, site.chain.confirmations, lambda _event: True
-        )
-        while follower.step([]):
-            tell(self._index.position.block, follower.head)
+        try:
+            self._index = self._read(folder, tell)
+        except DBAPIError as error:  # of a full disk, for one
+            raise IndexUnusable(
+                "the chain's index cannot be written", folder=str(folder), problem=str(error.orig)
+            ) from error
         self.devices = [Device.model_validate(dict(one)) for one in self._index.rules.devices()]
         self._owners = Owners(self.devices, str(deployment.address("Organization")), site)
         self._keys = self._key_blocks()
@@ -125,6 +124,22 @@ class History:
             if root.device.lower() not in robots:  # no check asks what robots signed of a day
                 self._by_day[root.day].append(root)
 
+    def _read(self, folder: Path, tell: Callable[[int, int], None]) -> Index:
+        deployment = self._deployment
+        index = Index(
+            sqlite_url(folder / f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}.sqlite"),
+            deployment.chain_id,
+            deployment.genesis_hash,
+            deployment.contracts,
+            currency=deployment.currency,
+        )
+        follower = Follower(
+            self._node, deployment, index, self._site.chain.confirmations, lambda _event: True
+        )
+        while follower.step([]):
+            tell(index.position.block, follower.head)
+        return index
+
     def close(self) -> None:
         self._index.close()
         self._node.close()
@@ -134,9 +149,20 @@ class History:
         """The newest block that was read."""
         return self._index.position.block
 
-    @property
-    def block_hash(self) -> str:
-        return self._index.position.block_hash
+    def last_of(self, first: int, last: int | None) -> int:
+        """The last of the blocks from `first` to `last`, or to the newest. Raises RequestError where there
+        are none."""
+        newest = self.block if last is None else min(last, self.block)
+        if first > newest:
+            raise RequestError("there are no blocks in this range", first=first, last=newest)
+        return newest
+
+    def block_hash(self, block: int) -> str:
+        """Raises ChainError."""
+        header = self._node.call("eth_getBlockByNumber", hex(block), False)
+        if header is None:
+            raise RpcFailed("the node lacks a block", block=block)
+        return str(header["hash"])
 
     def contradiction(self) -> str | None:
         """What the contracts say otherwise than their events: a balance, or a count. Raises ChainError."""

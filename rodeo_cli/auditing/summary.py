@@ -47,10 +47,11 @@ class Summary:
 
     @property
     def most_wrong(self) -> float | None:
-        """With 95 % confidence no larger share of all verdicts is wrong; None where all were looked at."""
+        """With 95 % confidence no larger share of all verdicts is wrong; None where all were looked at. What
+        could not be judged again counts as wrong."""
         if not self.sampled or not self.verdicts:
             return None
-        return upper_bound(len(self.wrong), len(self.verdicts))
+        return upper_bound(sum(one.wrong or one.failed for one in self.verdicts), len(self.verdicts))
 
     @property
     def is_clean(self) -> bool:

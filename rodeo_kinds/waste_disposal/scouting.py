@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from rodeo.bus.queries import SeenThing
-from rodeo.bus.seen import Sighting
+from rodeo.bus.seen import SightReport
 from rodeo.errors import RemoteError
 from rodeo.kinds import SAME_PLACE_M
 from rodeo.lab.layout import footprint
@@ -109,7 +109,7 @@ class Scouting:
             place = thing.x_m, thing.y_m
             if any(math.dist(one.centre_m, place) < SAME_PLACE_M for one in found):
                 if self._clock.now_s() - thing.last_s > _AGAIN_S:
-                    again = Sighting(**thing.model_dump(include=set(Sighting.model_fields)))
+                    again = SightReport(**thing.model_dump(include=set(SightReport.model_fields)))
                     yield partial(self._seen.report, again)
             elif is_bare(place, views):
                 yield partial(self._seen.gone, thing.id)
@@ -155,7 +155,7 @@ class Scouting:
         except BadPhoto as error:
             log.warning("the wrist camera sends no photos: %s", error)
             return
-        self._seen.report(Sighting(kind=KIND.name, x_m=x_m, y_m=y_m, size_m=size_m, photo=photo))
+        self._seen.report(SightReport(kind=KIND.name, x_m=x_m, y_m=y_m, size_m=size_m, photo=photo))
 
 
 def _is(one: Cluster, thing: SeenThing) -> bool:

@@ -72,7 +72,7 @@ class PolledHeads:
             self._wake.clear()
             self._delay_s = POLL_MIN_S
         else:
-            self._delay_s = min(1.3 * self._delay_s, POLL_MAX_S)
+            self._delay_s = min(2 * self._delay_s, POLL_MAX_S)
         return []
 
     def wake(self) -> None:

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from rodeo.bus.messages import LIVE_STATES, DaoEvent
 from rodeo.bus.queries import Said, SeenFilters, SeenThing
-from rodeo.bus.seen import GONE, REPORT, SAY, Saying, SeenId, Sighting
+from rodeo.bus.seen import GONE, REPORT, SAY, Saying, SeenId, SightReport
 from rodeo.bus.session import Request, validate
 from rodeo.commands.tasks import RegisterTask
 from rodeo.errors import InvalidRequest, RequestError, unreadable
@@ -119,7 +119,7 @@ class SeenThings:
             raise NotARobot(f"only {by} does this", who=who, act=act, robots=self._robots)
         with self._lock:
             if act == REPORT:
-                return self._report(who, validate(Sighting, data))
+                return self._report(who, validate(SightReport, data))
             if act == GONE:
                 return self._gone(self._thing(validate(SeenId, data).id))
             saying = validate(Saying, data)
@@ -160,7 +160,7 @@ class SeenThings:
 
     # -- acts -----------------------------------------------------------------------------------------------
 
-    def _report(self, robot: str, seen: Sighting) -> SeenThing:
+    def _report(self, robot: str, seen: SightReport) -> SeenThing:
         now_s = self._clock.now_s()
         if (known := self._known(seen, now_s)) is not None:
             return known if now_s - known.last_s < NOTED_S else self._keep(known, last_s=now_s)
@@ -178,7 +178,7 @@ class SeenThings:
         self._forget(now_s)
         return self._keep(thing)
 
-    def _known(self, seen: Sighting, now_s: float) -> SeenThing | None:
+    def _known(self, seen: SightReport, now_s: float) -> SeenThing | None:
         """The same thing, the nearest of several. A dismissed one that has another size now, or was not seen
         for a day, is something else."""
         near = [
@@ -194,7 +194,7 @@ class SeenThings:
             self._keep(one, state="gone")
         return None
 
-    def _check(self, robot: str, seen: Sighting, now_s: float) -> None:
+    def _check(self, robot: str, seen: SightReport, now_s: float) -> None:
         """Raises InvalidRequest where no task could be posted, and TooManySeen."""
         if seen.kind not in self._fields:
             raise InvalidRequest(
@@ -226,7 +226,7 @@ class SeenThings:
             thing, said=[*others, word], state="dismissed" if saying.what == "dismissed" else state
         )
 
-    def _params(self, seen: Sighting | SeenThing) -> dict[str, Any]:
+    def _params(self, seen: SightReport | SeenThing) -> dict[str, Any]:
         """Parameters of a task about it."""
         return dict(zip(self._fields[seen.kind], (seen.x_m, seen.y_m, seen.photo), strict=True))
 
@@ -240,7 +240,7 @@ class SeenThings:
             # What still lies there is reported again.
             self._keep(thing, state="gone")
 
-    def _task_at(self, seen: Sighting) -> int | None:
+    def _task_at(self, seen: SightReport) -> int | None:
         """The task that is under way about what lies there, the newest of several."""
         for task in self._live_tasks(seen.kind):
             if self._is_at(task, seen):
@@ -254,7 +254,7 @@ class SeenThings:
             yield from rows
             offset += 500
 
-    def _is_at(self, task: Mapping[str, Any] | None, seen: Sighting | SeenThing) -> bool:
+    def _is_at(self, task: Mapping[str, Any] | None, seen: SightReport | SeenThing) -> bool:
         if task is None or task["kind"] != seen.kind or seen.kind not in self._fields:
             return False
         x_m, y_m = (task["params"].get(field) for field in self._fields[seen.kind][:2])
@@ -301,7 +301,7 @@ def place_fields(kind: Kind) -> list[str]:
     return named if len(named) == 3 else []
 
 
-def _apart_m(seen: Sighting | SeenThing, x_m: float, y_m: float) -> float:
+def _apart_m(seen: SightReport | SeenThing, x_m: float, y_m: float) -> float:
     return math.hypot(seen.x_m - x_m, seen.y_m - y_m)
 
 

@@ -13,8 +13,8 @@ from rodeo.display.formatting import count, iec, kind, process
 from rodeo.site.config import Site
 from rodeo.site.names import robot_process
 from rodeo.text.strict_json import Json
+from services.console.glance import Summary
 from services.console.heartbeats import ProcessState
-from services.console.live import Summary
 
 _NEAR_M = 1.5
 """A robot that is no farther away is at a place."""

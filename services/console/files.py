@@ -16,7 +16,6 @@ from rodeo.person.photos import kept
 from rodeo.vision.images import media_type
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console
-from services.console.queries import pages
 from services.console.solids import solids
 
 
@@ -47,8 +46,8 @@ def router(console: Console) -> APIRouter:
     @routes.get("/files/transfers.csv")
     def transfers(account: str) -> Response:
         asked = partial(console.queries.ask, queries.TRANSFERS, account=account, limit=queries.MAX_PAGE)
-        found = pages(lambda offset: asked(offset=offset).transfers)
-        return _csv("transfers", transfers_csv(one for page in found for one in page))
+        found = queries.entries(lambda offset: asked(offset=offset).transfers)
+        return _csv("transfers", transfers_csv(found))
 
     @routes.get("/files/earnings.csv")
     def earnings() -> Response:

@@ -12,19 +12,14 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from decimal import Decimal
 from functools import partial
 from typing import Any
 
 import numpy as np
 import zenoh
 
-from rodeo.bus import queries
-from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import Bus, DaoEvents
-from rodeo.display.story import accounts
-from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import on_plane
@@ -36,6 +31,7 @@ from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
 from services.console import solids
 from services.console.feed import Notes
+from services.console.glance import SETTLE_S, Glance, Summary
 from services.console.heartbeats import Heartbeats
 from services.console.queries import Queries
 from services.console.scene import ahead, arm_drawing
@@ -47,15 +43,7 @@ Listener = Callable[[], None]
 MAP_PERIOD_S = 0.2
 STALE_S = 3.0
 """Wall time after which a pose is out of date."""
-_SETTLE_S = 0.03
-"""Wall time in which several events become one update."""
-_RETRY_S = 2.0
-QUEUE_SHOWN = 8
-VERDICTS_SHOWN = 6
 _EVENTS_KEPT = 200
-_ENDED_ASKED = 30
-_CASES_ASKED = 50
-_PROPOSALS_ASKED = 20
 _PATH_POINTS = 60
 _MOVES_M = 0.01
 """Between two maps; less is noise of motion capture."""
@@ -119,53 +107,20 @@ _READ: dict[str, Read] = {
 """What is drawn of a message. Raises Unknown where that cannot be drawn."""
 
 
-@dataclass
-class Summary:
-    """The organization at a glance. `problem` says why the rest is not current."""
-
-    problem: str = "the bridge has not answered yet"
-    counts: dict[str, int] = field(default_factory=dict)
-    """Tasks by state."""
-    queue: list[Task] = field(default_factory=list)
-    verdicts: list[Task] = field(default_factory=list)
-    wallets: list[queries.Wallet] = field(default_factory=list)
-    services: list[queries.Offer] = field(default_factory=list)
-    cases: list[Task] = field(default_factory=list)
-    """Submitted and ruled tasks, the oldest first."""
-    proposals: list[queries.Proposal] = field(default_factory=list)
-    seen: list[queries.SeenThing] = field(default_factory=list)
-    """What robots have seen on the floor and is neither dismissed nor gone."""
-    organization: queries.Organization | None = None
-    supply_iec: Decimal = Decimal(0)
-
-    @property
-    def rules(self) -> dict[str, list[str]]:
-        """Kind -> hashes of the rules under which its tasks may be posted, the newest last."""
-        kinds = [] if self.organization is None else self.organization.kinds
-        return {one.kind: one.rules_sha256 for one in kinds}
-
-    @property
-    def names(self) -> dict[str, str]:
-        """Account -> its name, where the site has one for it."""
-        return {} if self.organization is None else accounts(self.organization, self.wallets)
-
-
 class Live:
     """Belongs to the event loop: `run` there. Listeners are called there, without arguments."""
 
     def __init__(self, bus: Bus, site: Site, queries: Queries) -> None:
         self._bus = bus
         self._site = site
-        self._queries = queries
         changes = "map", "clock", "feed", "processes", "organization", "events"
         self._listeners: dict[str, list[Listener]] = {what: [] for what in changes}
         self._newest: dict[str, Newest] = {}
-        self._changed = asyncio.Event()
         self._events_due = False
         self.heartbeats = Heartbeats(site)
         self.pace = self.heartbeats.pace
         """How fast the site's time goes, as it was said last."""
-        self.summary = Summary()
+        self.glance = Glance(queries, lambda: any(self._listeners.values()), self._tell_summary)
         self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self.notes = Notes()
         self.map: Json = {"robots": {}, "items": {}}
@@ -180,7 +135,7 @@ class Live:
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._draw_maps())
-                group.create_task(self._follow_organization())
+                group.create_task(self.glance.follow())
                 group.create_task(self._watch_heartbeats())
         finally:
             self._unsubscribe()
@@ -196,7 +151,19 @@ class Live:
         show; `organization` when the summary holds it, too.
         """
         self._listeners[what].append(listener)
+        self.glance.looks.set()
         return lambda: self._listeners[what].remove(listener)
+
+    @property
+    def summary(self) -> Summary:
+        """The organization at a glance."""
+        return self.glance.summary
+
+    def _tell_summary(self, is_other: bool) -> None:
+        self._notify("organization")
+        if is_other:
+            # The pages cannot notice by themselves that the bridge answers again, or no longer does.
+            self._notify("events")
 
     def _notify(self, what: str) -> None:
         for listener in list(self._listeners[what]):
@@ -227,7 +194,7 @@ class Live:
                 self._notify("feed")
             if self.heartbeats.bridge != bridge:
                 # Query the bridge again: what is shown may have become stale, or current again.
-                self._changed.set()
+                self.glance.changed.set()
             self._notify("processes")
         pace = self.heartbeats.pace
         if pace is None if self.pace is None else pace is not None and pace.continues(self.pace):
@@ -241,68 +208,19 @@ class Live:
         self._loop.call_soon_threadsafe(self._take_event, event)
 
     def _on_seen(self, _key: str, _thing: bytes) -> None:
-        self._loop.call_soon_threadsafe(self._changed.set)
+        self._loop.call_soon_threadsafe(self.glance.changed.set)
 
     def _take_event(self, event: DaoEvent) -> None:
         self.events.append(event)
-        self._changed.set()
+        self.glance.changed.set()
         if not self._events_due:
             self._events_due = True
-            self._loop.call_later(_SETTLE_S, self._notify_events)
+            self._loop.call_later(SETTLE_S, self._notify_events)
 
     def _notify_events(self) -> None:
         self._events_due = False
         self._notify("events")
         self._notify("feed")
-
-    async def _follow_organization(self) -> None:
-        while True:
-            problem = self.summary.problem
-            try:
-                self.summary = await asyncio.to_thread(self._summarize)
-            except (BusError, RemoteError) as error:
-                # Known values stay, marked as not current.
-                self.summary.problem = f"The bridge does not answer: {error.message}"
-            except RodeoError as error:
-                self.summary.problem = f"The bridge's answer cannot be read: {error.message}"
-            self._notify("organization")
-            if self.summary.problem != problem:
-                # The pages cannot notice by themselves that the bridge answers again.
-                self._notify("events")
-            wait_s = _RETRY_S if self.summary.problem else None
-            try:
-                await asyncio.wait_for(self._changed.wait(), wait_s)
-            except TimeoutError:
-                continue
-            await asyncio.sleep(_SETTLE_S)
-            self._changed.clear()
-
-    def _summarize(self) -> Summary:
-        counts: dict[str, int] = {}
-        queue: list[Task] = []
-        for state in ("ruled", "submitted", "assigned", "open"):
-            found, counts[state] = self._queries.tasks(_CASES_ASKED, state=state, order="oldest")
-            queue += found
-        judged, counts["ended"] = self._queries.tasks(_ENDED_ASKED, state="settled,failed")
-        _, counts["settled"] = self._queries.tasks(1, state="settled")
-        judged.sort(key=lambda task: task.settled or task.proof_submitted or task.registered, reverse=True)
-        wallets = self._queries.ask(queries.WALLETS)
-        organization = self._queries.ask(queries.ORGANIZATION)
-        # Where the administrator's key acts at once, nothing is proposed.
-        asked = self._queries.ask(queries.PROPOSALS, limit=_PROPOSALS_ASKED) if organization.delay_s else None
-        return Summary(
-            problem="",
-            counts=counts,
-            queue=queue[:QUEUE_SHOWN],
-            verdicts=judged[:VERDICTS_SHOWN],
-            wallets=wallets.wallets,
-            supply_iec=wallets.supply_iec,
-            services=self._queries.ask(queries.SERVICES).services,
-            cases=[one for one in queue if one.state in ("ruled", "submitted")],
-            proposals=[] if asked is None else asked.proposals,
-            seen=self._queries.ask(queries.SEEN).things,
-            organization=organization,
-        )
 
     # -- map -------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import math
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -95,11 +95,11 @@ class Queries:
             chain = self.ask(queries.CHAIN).genesis_hash
             if chain != self._earnings_chain:
                 self._earnings_chain, self._transactions, self._since_s = chain, {}, math.inf
-            found = pages(lambda at: self.tasks(_PAGE_TASKS, at)[0])
+            found = queries.pages(lambda at: self.tasks(_PAGE_TASKS, at)[0])
             tasks = [*islice((one for page in found for one in page), most_tasks)]
             first_s = min((one.registered for one in tasks), default=0.0) if most_tasks else 0.0
             new: dict[str, queries.Transaction] = {}
-            for page in pages(self._transactions_page):
+            for page in queries.pages(self._transactions_page):
                 fresh = [one for one in page if one.tx_hash not in self._transactions]
                 new |= {one.tx_hash: one for one in fresh}
                 older_are_known = len(fresh) < len(page) and self._since_s <= first_s
@@ -207,11 +207,3 @@ def _keep(cache: OrderedDict[str, T], sha256: str, value: T, limit: int) -> T:
     while len(cache) > limit:
         cache.popitem(last=False)
     return value
-
-
-def pages(page: Callable[[int], list[T]]) -> Iterator[list[T]]:
-    """The pages of an answer; `page(offset)` asks for one."""
-    offset = 0
-    while found := page(offset):
-        yield found
-        offset += len(found)

@@ -22,6 +22,8 @@ _REPEAT_S = 1.0
 report, is lost."""
 _BEGIN_S = 1.0
 """Wall time in which processes that are there when the simulation begins have to report."""
+_REMOTE = frozenset({"bridge", "oracle", "chain"})
+"""Holders who hear nothing from a simulator but the time."""
 
 
 def _expected(site: Site) -> frozenset[str]:
@@ -119,8 +121,11 @@ class Holders:
             if time.monotonic() - self.marks.sent_s > _REPEAT_S:
                 self.marks.repeat()
             return False
-        if seen and (self._asks or any(one.hold.works != one.worked_before for one in seen)):
+        if any(one.hold.works != one.worked_before for one in seen):
             self._mark(now_ns)
+            return False
+        if self._asks and (near := {who for who in roster.seen if who.kind not in _REMOTE}):
+            self._mark(now_ns, near | roster.due(now_ns))
             return False
         if self._marked_ns != now_ns and (due := roster.due(now_ns)):
             # The others got nothing to act on: they need not answer.

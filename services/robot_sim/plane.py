@@ -36,6 +36,8 @@ _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
+_TOLD_WALL_S = 0.5
+"""A process that comes later hears the time again. Marks are repeated after a longer time."""
 _CLOCK_PERIOD_NS = 5_000_000_000
 _SHOWN_M, _FELL_N = 0.02, 0.05
 """Change of a bin's reading on which the bin may act."""
@@ -138,8 +140,9 @@ class LabPlane:
             return node.publisher(topic.name(**names), topic.type)
 
         self._clock, self._clock_cdr = publisher(topics.CLOCK), messages.clock_template()
-        self._clock_sent_s = -math.inf
-        self._clock_sent_ns = 0
+        self._told_s = -math.inf
+        """Wall time (monotonic) at which the time was told last."""
+        self._told_ns = 0
         self._mocap = mocap
         self._mocap_poses = {
             body: publisher(topics.MOCAP_POSE, body=body)
@@ -203,18 +206,24 @@ class LabPlane:
         for dock in self._docks:
             dock.publish()
 
-    def publish_clock(self, at_once: bool = False) -> None:
-        """At most every _CLOCK_WALL_PERIOD_S, as whoever reads the clock needs no more, and before a wait as
-        long. But no message is stamped more than _CLOCK_PERIOD_NS after the time published last: recorders
-        would leave it out."""
-        now_s, now_ns = time.monotonic(), self._simulation.time_ns
-        due = max(now_s - self._clock_sent_s, self._loop.wait_s) >= _CLOCK_WALL_PERIOD_S
-        if at_once or due or now_ns - self._clock_sent_ns > _CLOCK_PERIOD_NS:
-            self._clock_sent_s, self._clock_sent_ns = now_s, now_ns
-            self._loop.publish_queue.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)
+    def publish_clock(self, at_once: bool) -> None:
+        """While only power flows: `at_once`, or as often as those need who only read the clock."""
+        now_ns = self._simulation.time_ns
+        is_due = time.monotonic() - self._told_s >= _CLOCK_WALL_PERIOD_S
+        if at_once or is_due or self.is_long_since_told(now_ns):
+            self._loop.publish_queue.add(lambda time_ns, _: self.tell_time(time_ns), now_ns, now_ns)
+
+    def is_long_since_told(self, now_ns: int) -> bool:
+        """Whether recorders would leave out messages that are stamped so much later than the time that they
+        heard last."""
+        return now_ns - self._told_ns > _CLOCK_PERIOD_NS
 
     def tell_time(self, now_ns: int) -> None:
-        """Publish /clock at once."""
+        """Publish /clock at once, unless everybody there has just heard this time."""
+        now_s = time.monotonic()
+        if now_ns == self._told_ns and now_s - self._told_s < _TOLD_WALL_S:
+            return
+        self._told_ns, self._told_s = now_ns, now_s
         self._clock.publish_cdr(self._clock_cdr.encode(now_ns), now_ns)
 
     def _set_entity_state(self, request: Any) -> Any:

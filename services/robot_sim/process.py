@@ -65,13 +65,13 @@ class WorldPublisher:
         for robot in self._robots:
             robot.publish(tick, skipped)
         self._lab.publish(tick, skipped or bool(stalls_ns))
-        self._lab.publish_clock()
         self._report("skipping idle time" if skipped else "simulating")
 
     def _send(self, row: int, time_ns: int) -> None:
         """Send what moved in one period. With the first one the messages of all are made; with the last one
-        motion capture sees them."""
+        motion capture sees them, and the time goes out."""
         periods = self._periods
+        is_last = row == periods.count - 1
         if row == 0:
             self._columns = [column for robot in self._robots for column in robot.motion.columns(periods)]
             self._columns += self._lab.columns(periods)
@@ -79,9 +79,11 @@ class WorldPublisher:
             message = messages[row]
             if message is not None:
                 publisher.publish_cdr(message, time_ns)
-        if row == periods.count - 1:
+        if is_last:
             self._lab.see(periods)
             periods.clear()
+        if is_last or self._lab.is_long_since_told(time_ns):
+            self._lab.tell_time(time_ns)
 
     def publish_power(self, due: bool) -> None:
         self._lab.publish_clock(at_once=due)

@@ -7,7 +7,7 @@ decision follows from the world's state alone.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
@@ -106,7 +106,7 @@ class Steps:
         """Simulate one control period, and compute positions and contacts at its end, because sensors measure
         the end of the period. The first step of the next period need not compute them again."""
         model, data, width_s = self._model, self._data, self.width_s
-        self._near.apart -= 1
+        self._near.pass_period()
         if width_s != self._looked_s:
             self._look(width_s)
         mujoco.mj_step2(model, data)
@@ -115,7 +115,8 @@ class Steps:
 
     def look_again(self) -> None:
         """Something was put somewhere."""
-        self._looked_s, self._near.apart = None, 0
+        self._looked_s = None
+        self._near.look_again()
 
     def _look(self, width_s: float) -> None:
         """How stiff a contact is depends on how wide the step is."""
@@ -151,42 +152,50 @@ class _Near:
     """
 
     def __init__(self, data: mujoco.MjData, robots: Sequence[_Robot], items: Sequence[int]) -> None:
-        self._robots, self._items = robots, items
+        self._pairs = [(number, at, robot) for robot in robots for number, at in enumerate(items)]
+        self._looks = [0] * len(self._pairs)
+        """For each of them, the control period in which they can have come near to each other."""
+        self._period = 0
         # Arrays of `data`, to read single numbers: see rodeo/lab/body.py.
         self._angle, self._rate = numbers(data.qpos), numbers(data.qvel)
         self._bodies_m, self._sites_m = numbers(data.xpos), numbers(data.site_xpos)
-        self.apart = 0
-        """Control periods within which no robot comes near an item."""
+
+    def look_again(self) -> None:
+        """Something was put somewhere."""
+        self._looks = [0] * len(self._pairs)
+
+    def pass_period(self) -> None:
+        self._period += 1
 
     def held(self) -> list[int] | None:
         """Items that closed grippers hold; None where a robot is near another one."""
-        held, apart_m = list[int](), math.inf
-        for item, robot, base_m in () if self.apart > 0 else self._pairs():
-            if base_m > HAND_REACHES_M:
-                apart_m = min(apart_m, base_m - HAND_REACHES_M)
+        held, period = list[int](), self._period
+        for pair, look in enumerate(self._looks):
+            if look > period:
                 continue
-            hand_m = self._from_hand_m(item, robot)
-            apart_m = min(apart_m, hand_m - HAND_NEAR_M, base_m - BASE_NEAR_M)
-            if hand_m < HELD_M and self._closed(robot):
-                held.append(item)
-            elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
-                return None
-        if math.isfinite(apart_m):
-            self.apart = math.floor(apart_m / (FASTEST_M_S * CONTROL_PERIOD_S))
+            item, at, robot = self._pairs[pair]
+            base_m = self._over_floor_m(at, robot)
+            apart_m = base_m - HAND_REACHES_M
+            if apart_m <= 0.0:
+                hand_m = self._from_hand_m(at, robot)
+                if hand_m < HELD_M and self._closed(robot):
+                    held.append(item)
+                elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
+                    return None
+                apart_m = min(hand_m - HAND_NEAR_M, base_m - BASE_NEAR_M)
+            self._looks[pair] = period + math.floor(apart_m / (FASTEST_M_S * CONTROL_PERIOD_S))
         return held
 
-    def _pairs(self) -> Iterator[tuple[int, _Robot, float]]:
-        """(item, robot, distance over the floor between item and base, m)"""
-        bodies_m = self._bodies_m
-        for robot in self._robots:
-            base_x_m, base_y_m = bodies_m[robot.base], bodies_m[robot.base + 1]
-            for item, at in enumerate(self._items):
-                x_m, y_m = bodies_m[at] - base_x_m, bodies_m[at + 1] - base_y_m
-                yield item, robot, math.sqrt(x_m * x_m + y_m * y_m)
+    def _over_floor_m(self, at: int, robot: _Robot) -> float:
+        """Between item and base."""
+        x_m = self._bodies_m[at] - self._bodies_m[robot.base]
+        y_m = self._bodies_m[at + 1] - self._bodies_m[robot.base + 1]
+        return math.sqrt(x_m * x_m + y_m * y_m)
 
-    def _from_hand_m(self, item: int, robot: _Robot) -> float:
-        at, hand = self._items[item], robot.hand
-        x_m, y_m, z_m = (self._bodies_m[at + axis] - self._sites_m[hand + axis] for axis in range(3))
+    def _from_hand_m(self, at: int, robot: _Robot) -> float:
+        bodies_m, sites_m, hand = self._bodies_m, self._sites_m, robot.hand
+        x_m, y_m = bodies_m[at] - sites_m[hand], bodies_m[at + 1] - sites_m[hand + 1]
+        z_m = bodies_m[at + 2] - sites_m[hand + 2]
         return math.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
 
     def _closed(self, robot: _Robot) -> bool:

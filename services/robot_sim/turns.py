@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import NamedTuple
 
 from services.robot_sim.roster import NEVER_NS
+
+
+class _Wait(NamedTuple):
+    until_ns: int
+    cancelled: Callable[[], bool]
+    ended: threading.Event
 
 
 class Turn:
@@ -17,9 +24,14 @@ class Turn:
         self.over = False
         self._after = after
         self._running: threading.Event | None = None
-        self._cancelled: Callable[[], bool] = lambda: False
-        self.until_ns: int | None = None
-        """When its wait ends; None while it does not wait."""
+        self._wait: _Wait | None = None
+        """One value, because the loop may read it while the action's thread sets it."""
+
+    @property
+    def until_ns(self) -> int:
+        """When its wait ends; NEVER_NS while it does not wait."""
+        wait = self._wait
+        return NEVER_NS if wait is None else wait.until_ns
 
     def begins(self, finished: threading.Event) -> None:
         """The motion is under way until `finished`."""
@@ -27,17 +39,18 @@ class Turn:
 
     def waits(self, until_ns: int, cancelled: Callable[[], bool]) -> threading.Event:
         """Nothing is done until `until_ns` (site time), or until it is `cancelled`. Then the event is set."""
-        self.until_ns, self._cancelled = until_ns, cancelled
-        self._running = threading.Event()
-        return self._running
+        wait = self._wait = _Wait(until_ns, cancelled, threading.Event())
+        # Only now it lets go of the time: before, the loop would not know where to stop.
+        self._running = wait.ended
+        return wait.ended
 
     def end_wait(self, now_ns: int) -> None:
         """End the wait at the first period that is late enough, in the loop: a thread of its own would be
         late by as much as the machine lets it."""
-        if self.until_ns is not None and (now_ns >= self.until_ns or self._cancelled()):
-            self.until_ns = None
-            assert self._running is not None
-            self._running.set()
+        wait = self._wait
+        if wait is not None and (now_ns >= wait.until_ns or wait.cancelled()):
+            self._wait = None
+            wait.ended.set()
 
     def goes_on(self) -> None:
         """What there is to do takes no time."""
@@ -82,8 +95,7 @@ class Turns:
     def next_ns(self) -> int:
         """Site time at which the first wait ends."""
         with self._lock:
-            waits_ns = [turn.until_ns for turn in self._turns if turn.until_ns is not None]
-        return min(waits_ns, default=NEVER_NS)
+            return min((turn.until_ns for turn in self._turns), default=NEVER_NS)
 
     def end_waits(self, now_ns: int) -> None:
         with self._lock:

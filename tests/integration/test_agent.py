@@ -117,6 +117,7 @@ def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
     assert "putting item1 back to start again" in organization.activities
 
 
+@pytest.mark.long
 def test_what_cannot_be_done_costs_the_robot_nothing(organization: LiveDao) -> None:
     # What it can tell beforehand it abandons, without a proof that somebody had to reject.
     unknown = {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}
@@ -189,6 +190,7 @@ def thing_task(organization: LiveDao, thing: str, reward_iec: str) -> int:
     return organization.post(reward_iec, params={"x_m": pose.x_m + 0.1, "y_m": pose.y_m})
 
 
+@pytest.mark.long
 def test_what_nobody_listed_is_taken_from_its_place_and_paid_below_the_price_that_the_oracle_may_accept(
     organization: LiveDao,
 ) -> None:
@@ -198,6 +200,7 @@ def test_what_nobody_listed_is_taken_from_its_place_and_paid_below_the_price_tha
     assert (task["verdict"], task["attempt"], task["passed_on"]) == ("accepted", 1, False), task["reason"]
 
 
+@pytest.mark.long
 def test_auditors_decide_about_what_nobody_listed_where_the_oracle_only_proposes(
     organization: LiveDao,
 ) -> None:
@@ -218,6 +221,7 @@ def site_pose(organization: LiveDao, item_id: str) -> tuple[float, float]:
     return pose.x_m, pose.y_m
 
 
+@pytest.mark.long
 def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organization: LiveDao) -> None:
     """After the tests above: it has measured what a cleaning takes."""
     robot = Participant(organization.running.bus, organization.running.site.org, "panther1")

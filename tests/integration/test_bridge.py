@@ -193,6 +193,7 @@ def test_a_task_that_waits_is_posted_again_for_a_higher_reward(dao: Dao) -> None
     dao.judge(busy, accepted=True)
 
 
+@pytest.mark.long
 def test_a_task_that_would_not_be_accepted_again_stays_as_it_is(dao: Dao) -> None:
     """Refused after it was cancelled, it would be gone."""
     busy, before = dao.post(), dao.balances()
@@ -237,6 +238,7 @@ def test_an_unassigned_task_can_be_cancelled_and_its_reward_comes_back(dao: Dao)
     dao.judge(busy, accepted=True)
 
 
+@pytest.mark.long
 def test_a_rejected_task_is_tried_again_and_refunded_at_the_last(dao: Dao) -> None:
     before = dao.balances()
     task_id = dao.post(max_attempts=2)
@@ -253,6 +255,7 @@ def test_a_rejected_task_is_tried_again_and_refunded_at_the_last(dao: Dao) -> No
     assert_index_equals_contracts(dao)
 
 
+@pytest.mark.long
 def test_a_task_waits_for_the_service_that_it_names(dao: Dao) -> None:
     busy = dao.post()
     service_id = dao.task(busy)["service_id"]
@@ -276,6 +279,7 @@ def test_a_task_waits_for_the_service_that_it_names(dao: Dao) -> None:
     assert unknown.value.code == "unknown_service"
 
 
+@pytest.mark.long
 def test_a_task_waits_for_the_provider_that_it_names(dao: Dao) -> None:
     busy = dao.post()
     waiting = dao.post(provider="panther1")
@@ -309,6 +313,7 @@ def test_a_task_names_a_service_or_a_provider_that_does_such_work(dao: Dao) -> N
         assert refused.value.code == code
 
 
+@pytest.mark.long
 def test_overdue_tasks_are_expired_and_concluded_by_the_bridge(dao: Dao) -> None:
     before = dao.balances()
     task_id = dao.post(max_attempts=2, execution_window_s=600, verdict_window_s=900)
@@ -662,6 +667,7 @@ def test_a_part_of_the_work_is_paid_in_part_and_the_ledger_tells_both(dao: Dao) 
     ]
 
 
+@pytest.mark.long
 def test_what_the_oracle_cannot_decide_auditors_do_and_without_them_it_is_void(dao: Dao) -> None:
     audited = dao.post("100")
     dao.prove(audited)
@@ -694,6 +700,7 @@ def test_what_the_oracle_cannot_decide_auditors_do_and_without_them_it_is_void(d
     assert dao.state("organization")["voids"]["oracle"] >= 1
 
 
+@pytest.mark.long
 def test_what_a_judge_said_that_was_removed_is_void_and_the_next_one_needs_the_providers_word(
     dao: Dao,
 ) -> None:
@@ -892,6 +899,7 @@ def test_a_kind_is_offered_once_by_each_who_does_it_even_by_twenty_requests_at_o
     dao.command("carla", "update_service", service_id=again[0], state="retired")
 
 
+@pytest.mark.long
 def test_what_cannot_be_done_is_given_back_at_once_without_a_proof_and_the_next_gets_it(dao: Dao) -> None:
     """The contracts let a key offer anything; the bridge does not see who uses it elsewhere."""
     dao.command("organization", "allow_kind", kind="dusting", judge="auditor")
@@ -949,6 +957,7 @@ def test_what_cannot_be_done_is_given_back_at_once_without_a_proof_and_the_next_
         dao.command(who, "update_service", service_id=number, state="retired")
 
 
+@pytest.mark.long
 def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     for policy in ("lowest_price", "highest_reputation", "first_come"):
         dao.command("organization", "set_policy", policy=policy)
@@ -1032,6 +1041,7 @@ def outputs(running: RunningSite, *commands: Sequence[str]) -> Iterator[str]:
         yield log.read_text()
 
 
+@pytest.mark.long
 def test_without_contracts_the_bridge_says_what_is_missing_and_tells_nobody_the_nodes_key(
     planted_key: str, running: RunningSite
 ) -> None:
@@ -1064,6 +1074,7 @@ def test_without_contracts_the_bridge_says_what_is_missing_and_tells_nobody_the_
     assert not [text for text in outputs(running) if planted_key in text]
 
 
+@pytest.mark.long
 def test_a_killed_bridge_goes_on_where_it_was(own_dao: Dao) -> None:
     dao = own_dao
     task_id = dao.post()
@@ -1080,6 +1091,7 @@ def test_a_killed_bridge_goes_on_where_it_was(own_dao: Dao) -> None:
     assert_index_equals_contracts(dao)
 
 
+@pytest.mark.long
 def test_a_killed_chain_comes_back_under_the_same_bridge(own_dao: Dao) -> None:
     dao = own_dao
     task_id = dao.post()
@@ -1130,6 +1142,7 @@ def test_a_killed_router_loses_no_event(own_dao: Dao) -> None:
     assert events_from_the_beginning(dao) == [event.model_dump() for event in dao.events]
 
 
+@pytest.mark.long
 def test_an_index_that_was_lost_is_rebuilt_from_the_chain(own_dao: Dao) -> None:
     dao = own_dao
     task_id = dao.post()

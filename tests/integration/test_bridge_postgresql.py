@@ -20,6 +20,8 @@ from tests.support.dao import founded
 from tests.support.postgresql import postgresql
 from tests.support.site import write_site
 
+pytestmark = pytest.mark.long
+
 GENESIS = "0x" + "01" * 32
 CREATOR, ROBOT, TASKS = ("0x" + digit * 40 for digit in "123")
 HOSTILE = 'a NUL \0, a quote \', 100 %, {"a": "\ud800"}'

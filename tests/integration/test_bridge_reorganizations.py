@@ -16,6 +16,8 @@ from tests.integration.test_bridge import assert_index_equals_contracts
 from tests.support.dao import Dao, founded
 from tests.support.site import write_site
 
+pytestmark = pytest.mark.long
+
 DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
 """First account of the public test mnemonic, which anvil funds."""
 

@@ -33,6 +33,8 @@ from tests.support import command
 from tests.support.dao import PARAMS, Dao, founded
 from tests.support.site import NewSite, readyz
 
+pytestmark = pytest.mark.long
+
 ALICE: LocalAccount = Account.from_key("0x" + "a1" * 32)
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
 """Has IEC and no gas money."""

@@ -15,6 +15,8 @@ from tests.support.evm import error_string
 from tests.support.foundry import Cast
 from tests.support.site import RunningSite
 
+pytestmark = pytest.mark.long
+
 DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
 DEV = "0xf39Fd6e51aad88F6F4ce6aB8827279cffFb92266"
 OTHER = "0x70997970C51812dc3A010C7d01b50e0d17dc79C8"

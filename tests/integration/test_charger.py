@@ -30,6 +30,8 @@ from rodeo_testing.waiting import HANG_S, wait_until
 from services.charger.attempt import PROOF_SHARE
 from tests.support.site import NewSite, RunningSite
 
+pytestmark = pytest.mark.long
+
 ORDERED_WH = 400.0
 
 
@@ -218,7 +220,6 @@ def test_a_charge_is_delivered_metered_countersigned_sealed_and_submitted(
     assert session_end(proof)["reason"] == "target_reached"
 
 
-@pytest.mark.long
 def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
@@ -244,7 +245,6 @@ def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     assert hardware.commands[-1] is False
 
 
-@pytest.mark.long
 def test_a_robot_that_signs_nothing_gets_nothing_and_costs_the_seller_nothing(
     dao: Organization, hardware: Hardware
 ) -> None:
@@ -255,7 +255,6 @@ def test_a_robot_that_signs_nothing_gets_nothing_and_costs_the_seller_nothing(
     assert hardware.energy_wh == 0
 
 
-@pytest.mark.long
 def test_a_robot_that_falls_silent_costs_the_seller_a_step_and_goes_on_when_it_is_back(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
@@ -278,7 +277,6 @@ def test_a_robot_that_falls_silent_costs_the_seller_a_step_and_goes_on_when_it_i
     assert delivered_wh(proof) == pytest.approx(hardware.energy_wh, rel=0.005)
 
 
-@pytest.mark.long
 def test_a_gauge_that_lies_costs_the_seller_a_step_and_what_both_signed_is_what_was_delivered(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
@@ -318,7 +316,6 @@ def test_a_robot_that_never_comes_is_said_so_and_nothing_is_switched_on(
     assert True not in hardware.commands
 
 
-@pytest.mark.long
 def test_a_robot_that_leaves_early_gets_a_proof_of_what_was_delivered(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:

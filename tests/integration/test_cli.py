@@ -24,6 +24,8 @@ from rodeo_testing.waiting import HANG_S
 from tests.support import command
 from tests.support.site import LAB_PROCESSES, NewSite, RunningSite, free_port, write_site
 
+pytestmark = pytest.mark.long
+
 RODEO = (sys.executable, "-m", "rodeo_cli")
 QUIET = "clock.speed = 1.0\nclock.idle_speed = 20\nagent.explore_when_idle = false"
 """Time passes slowly: a site that simulates what it can keeps every core busy while commands are tested."""
@@ -146,7 +148,7 @@ def test_a_file_that_is_no_proof_is_rejected(site_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "number",
-    [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.long) for one in (signal.SIGTERM, signal.SIGHUP))],
+    [signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
 )
 def test_up_tells_each_change_and_ends_with_all_it_started(site_path: Path, number: int) -> None:
     with subprocess.Popen(
@@ -160,7 +162,6 @@ def test_up_tells_each_change_and_ends_with_all_it_started(site_path: Path, numb
     assert holders(site_path) == []
 
 
-@pytest.mark.long
 def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> None:
     port = free_port()
     with site_path.open("a") as file:
@@ -227,7 +228,6 @@ def test_processes_of_another_site_on_the_same_bus_are_told_apart(
 # -- on a running site -----------------------------------------------------------------------------------
 
 
-@pytest.mark.long
 def test_status_of_a_running_site(whole: Path) -> None:
     rows = processes(whole)
     assert all(row["ready"] and row["here"] for row in rows.values())
@@ -238,13 +238,11 @@ def test_status_of_a_running_site(whole: Path) -> None:
     assert "no decision with task 999" in rodeo(whole, "robot", "explain", "panther1", "--task", "999").stdout
 
 
-@pytest.mark.long
 def test_a_second_launcher_is_refused(whole: Path) -> None:
     done = rodeo(whole, "up", status=1)
     assert "already_running" in done.stderr and "rodeo down" in done.stderr
 
 
-@pytest.mark.long
 def test_a_killed_process_is_seen_and_comes_back(whole: Path) -> None:
     killed = processes(whole)["oracle"]["pid"]
     os.kill(killed, signal.SIGKILL)
@@ -296,7 +294,6 @@ def test_a_task_for_one_provider_alone_is_posted_and_shown(up: Path) -> None:
     rodeo(up, "task", "cancel", task_id)
 
 
-@pytest.mark.long
 def test_a_reward_rises_while_nobody_takes_the_task(whole: Path) -> None:
     create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
     rises = ("--reward-up-to", "1.15", "--rise", "0.1", "--rise-every", "1")
@@ -327,7 +324,6 @@ def test_a_task_that_cannot_be_posted_says_why(
     assert all(word in done.stderr for word in words), done.stderr
 
 
-@pytest.mark.long
 def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def organization(*arguments: str, status: int = 0) -> str:
         # In this process: the same code, without a second for each start of an interpreter.
@@ -427,7 +423,6 @@ def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.M
     assert "unknown_service" in organization("reinstate", "12345", status=1)
 
 
-@pytest.mark.long
 def test_a_task_names_one_of_its_kinds_current_rules(up: Path) -> None:
     def shown() -> tuple[list[str], bool]:
         found = json.loads(rodeo(up, "kind", "show", "waste_disposal", "--json").stdout)

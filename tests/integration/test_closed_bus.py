@@ -27,6 +27,8 @@ from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, WAIT_MS, Desk
 from tests.support.site import LAB, RunningSite, free_port, write_site
 
+pytestmark = pytest.mark.long
+
 NOBODY = 65534
 ROOT = Path(__file__).parents[2]
 
@@ -176,7 +178,6 @@ def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running:
     assert "second publisher on /clock" in running.log("itrash")
 
 
-@pytest.mark.long
 def test_the_clock_is_followed_again_after_the_router_was_restarted(running: RunningSite) -> None:
     running.start("router", "robot_sim")
     clock = SimClock(running.bus.session, running.site.bus.domain_id)

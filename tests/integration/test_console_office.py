@@ -31,7 +31,7 @@ from websockets.typing import Origin
 
 from rodeo.access.roles import Role
 from rodeo.bus import queries
-from rodeo.bus.seen import Seen, Sighting
+from rodeo.bus.seen import Seen, SightReport
 from rodeo.chain.client import ChainClient
 from rodeo.chain.contracts.events import ServiceRegistered
 from rodeo.chain.deployment import Deployment
@@ -49,6 +49,8 @@ from tests.support.console import PASSPHRASE, Desk, click_map, open_page, there
 from tests.support.dao import Dao, founded
 from tests.support.site import NewSite
 from tests.support.views import logs_of
+
+pytestmark = pytest.mark.long
 
 SITE = """[[participants]]
 name = "eva"
@@ -99,7 +101,6 @@ def desk(new_site: NewSite) -> Iterator[Office]:
             yield desk
 
 
-@pytest.mark.long
 def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowed_down(desk: Office) -> None:
     page = desk.page(None)
     assert page.url == f"{desk.origin}/login?next=/"
@@ -116,7 +117,6 @@ def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowe
     page.close()
 
 
-@pytest.mark.long
 def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(desk: Office) -> None:
     page = desk.page(None)
     press = page.keyboard.press
@@ -206,7 +206,6 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     page.close()
 
 
-@pytest.mark.long
 def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) -> None:
     # The bridge lets a robot offer one service of a kind; the contracts know of no robots.
     client = ChainClient(desk.dao.site.chain.url, Deployment.load(desk.dao.site.data_dir, LOCAL_CHAIN_ID))
@@ -239,7 +238,6 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
     page.close()
 
 
-@pytest.mark.long
 def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
     page = desk.page("ada", "/tasks/new")
     for _ in range(3):
@@ -252,7 +250,6 @@ def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
     page.close()
 
 
-@pytest.mark.long
 def test_the_focus_stays_on_a_button_that_is_drawn_again(desk: Office) -> None:
     desk.dao.command("organization", "allow_kind", kind="window_cleaning", judge="auditor")
     offer = {"kind": "window_cleaning", "price_iec": "1000", "description": "dear"}
@@ -305,7 +302,6 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
     page.close()
 
 
-@pytest.mark.long
 def test_a_session_that_was_ended_elsewhere_ends_at_the_next_click(desk: Office) -> None:
     operator = desk.somebody(Role.OPERATOR)
     page = desk.page(operator, "/tasks/new")
@@ -469,7 +465,6 @@ def test_a_void_task_says_whose_doing_it_was(desk: Office) -> None:
     page.close()
 
 
-@pytest.mark.long
 def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     def current() -> list[str]:
         kinds = {one["kind"]: one for one in desk.dao.state("organization")["kinds"]}
@@ -512,7 +507,6 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     page.close()
 
 
-@pytest.mark.long
 def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) -> None:
     page = desk.page("ada", "/services")
     eva = row(page, "Participants", "eva")
@@ -554,7 +548,6 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
     page.close()
 
 
-@pytest.mark.long
 def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_tell_why(desk: Office) -> None:
     page = desk.page("ada", "/treasury")
     transfers = page.get_by_role("table", name="Transfers, newest first")
@@ -588,7 +581,6 @@ def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_t
     page.close()
 
 
-@pytest.mark.long
 def test_the_treasury_shows_what_everybody_earned_and_spent_by_week(desk: Office) -> None:
     task_id = desk.dao.post(reward_iec="100")
     desk.dao.prove(task_id)
@@ -690,9 +682,7 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
     page.close()
 
 
-@pytest.mark.parametrize(
-    "process", ["bridge", *(pytest.param(one, marks=pytest.mark.long) for one in ("router", "console"))]
-)
+@pytest.mark.parametrize("process", ["bridge", "router", "console"])
 def test_an_open_page_says_that_it_is_not_current_and_recovers_by_itself(desk: Office, process: str) -> None:
     task_id = desk.dao.post("1", allow_wait=True)
     page = desk.page("ada", f"/tasks/{task_id}")
@@ -739,7 +729,6 @@ def test_whatever_the_document_allows_or_forbids_gets_a_documented_answer(
     assert answer.status_code not in (500, 501, 502), answer.text
 
 
-@pytest.mark.long
 def test_what_a_robot_has_seen_is_confirmed_corrected_or_dismissed_with_a_click(desk: Office) -> None:
     bus, site = desk.running.bus, desk.dao.site
     photo = keep(site, encode(np.full((48, 64, 3), 128, np.uint8), ".jpg"))
@@ -748,7 +737,7 @@ def test_what_a_robot_has_seen_is_confirmed_corrected_or_dismissed_with_a_click(
     page = desk.page("ada")
     for number, x_m in enumerate((1.0, 2.0), start=1):
         size_m = [0.12, 0.07, 0.07]
-        robot.report(Sighting(kind="waste_disposal", x_m=x_m, y_m=1.2, size_m=size_m, photo=photo))
+        robot.report(SightReport(kind="waste_disposal", x_m=x_m, y_m=1.2, size_m=size_m, photo=photo))
         # The page hears of it by itself.
         expect(page.get_by_role("listitem", name=f"Thing {number}")).to_contain_text(f"{x_m:.2f} m east")
     expect(page.get_by_text("Robots have seen 2 things on the floor")).to_be_visible()

@@ -25,6 +25,8 @@ from tests.support.executor import Executor, Film, stored
 from tests.support.index import index_differences
 from tests.support.site import NewSite
 
+pytestmark = pytest.mark.long
+
 ORACLES = ("olga", "otto", "omar")
 JUDGES = ("anna", "bert", "carl", "dora")
 APPEAL = ("emil", "finn", "gus", "hanna")
@@ -166,7 +168,6 @@ def organization(dao: Dao, *arguments: str, status: int = 0) -> str:
     return done.output
 
 
-@pytest.mark.long
 def test_oracles_that_agree_leave_time_to_object(dao: Dao, tmp_path: Path) -> None:
     """Real oracles, real work."""
     dao.running.start("oracle.olga", "oracle.otto")
@@ -279,7 +280,6 @@ def test_a_ruling_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path) 
     assert "settled" in rodeo(dao, "show", str(task_id))
 
 
-@pytest.mark.long
 def test_an_appeal_overturns_the_judges_of_challenges(
     dao: Dao, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -314,7 +314,6 @@ def test_an_appeal_overturns_the_judges_of_challenges(
     decided(dao, task_id)
 
 
-@pytest.mark.long
 def test_a_judge_who_takes_its_stake_back_holds_up_no_other(dao: Dao, tmp_path: Path) -> None:
     """The contract's error names its seat, and refuses all votes that come with its own."""
     task_id = proven(dao)
@@ -374,7 +373,6 @@ def desk(dao: Dao) -> Iterator[Desk]:
         yield desk
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("person", "participant", "first"), [("olli", "panther1", "rejected"), ("bea", "bert", "accepted")]
 )

@@ -26,6 +26,8 @@ from rodeo_testing.waiting import HANG_S, PAUSE_S
 from tests.support.dao import Dao
 from tests.support.site import LAB, RunningSite, free_port
 
+pytestmark = pytest.mark.long
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import signal
 import subprocess
@@ -17,6 +16,7 @@ from rodeo.host.instance import PARENT_VARIABLE
 from rodeo.lab.items import shape_of
 from rodeo.lab.world import robot_model
 from services.robot_sim.urdf import to_urdf
+from tests.support.imports import packages_of
 from tests.support.live import LiveDao
 from tests.support.site import RunningSite, write_site
 
@@ -57,19 +57,11 @@ pose = { x_m = 1.2, y_m = 3.4 }
 """One of ours, with an item of its own."""
 
 
-def imports_of(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module or ""
-
-
 def test_the_foreign_robot_imports_nothing_of_ours() -> None:
     own = {path.stem for path in FOREIGN.glob("*.py")}
     allowed = {*sys.stdlib_module_names, "numpy", "mujoco", "rosbags", "zenoh_ros2_sdk", *own}
     for path in FOREIGN.glob("*.py"):
-        assert {name.split(".")[0] for name in imports_of(path)} <= allowed, path.name
+        assert packages_of(path) <= allowed, path.name
 
 
 class ForeignRobot:

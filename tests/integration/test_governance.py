@@ -23,6 +23,8 @@ from tests.support.console import PASSPHRASE, Desk
 from tests.support.dao import Dao, founded
 from tests.support.site import NewSite
 
+pytestmark = pytest.mark.long
+
 DELAY_S, PERIOD_S = 3600, 86_400
 REPAIRS = "0x4E4E4E4e4E4e4e4E4e4E4E4e4E4E4E4E4e4E4e4e"
 SITE = f"""participants = [{{ name = "alice" }}, {{ name = "bob" }}, {{ name = "carla" }}]
@@ -132,7 +134,6 @@ def budget_vote(dao: Dao, number: int) -> dict[str, Any]:
     return found  # type: ignore[no-any-return]
 
 
-@pytest.mark.long
 def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: Dao) -> None:
     now_s = float(dao.client().w3.eth.get_block("pending")["timestamp"])
 
@@ -272,7 +273,6 @@ def split(dao: Dao, page: Page, reader: Page, number: int, pass_time: Callable[[
     assert "There is nothing to pay of budget vote 0." in rodeo(dao, "pay-budget", "0")
 
 
-@pytest.mark.long
 def test_what_an_administrator_who_waits_proposes_is_executed_after_the_delay(waiting: Dao) -> None:
     now_s = float(waiting.client().w3.eth.get_block("latest")["timestamp"]) + 10
     waiting.set_clock(now_s)

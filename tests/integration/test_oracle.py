@@ -29,6 +29,8 @@ from tests.support.dao import Dao, founded
 from tests.support.executor import PLACE, Executor, Film, stored
 from tests.support.site import NewSite
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def dao(new_site: NewSite) -> Iterator[Dao]:
@@ -372,7 +374,6 @@ def test_a_copied_proof_hash_earns_nothing_and_costs_its_owner_nothing(
 # The last test: afterwards no bin of this site is believed any more.
 
 
-@pytest.mark.long
 def test_what_comes_after_a_verdict_is_a_warning_and_before_one_a_doubt(
     dao: Dao, executor: Executor, tmp_path: Path
 ) -> None:

@@ -24,6 +24,8 @@ from tests.support.dao import PARAMS, Dao, founded
 from tests.support.plain_token import ADDRESS, PlainToken
 from tests.support.site import NewSite, RunningSite
 
+pytestmark = pytest.mark.long
+
 TOKEN = 10**6
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
 

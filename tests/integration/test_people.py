@@ -15,6 +15,8 @@ from tests.support.dao import Dao
 from tests.support.site import NewSite, RunningSite
 from tests.unit.vision.test_likeness import jpeg, scene
 
+pytestmark = pytest.mark.long
+
 SITE = """clock.source = "wall"
 clock.speed = 1
 clock.idle_speed = 1

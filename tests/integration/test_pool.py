@@ -16,7 +16,7 @@ from rodeo.errors import Interrupted
 from rodeo.evidence.errors import StoreUnavailable
 from rodeo.evidence.recorder import SealedProof
 from rodeo.evidence.store import Store
-from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers, WorkerLost
+from rodeo.jobs.job import BadAnswer, EngineGone, Job, JobFailed, WorkerDiffers, WorkerLost
 from rodeo.jobs.local import Local
 from rodeo.jobs.proofs import Verify
 from rodeo.jobs.runner import Done, Runner
@@ -137,6 +137,7 @@ def test_a_file_larger_than_the_store_allows_is_not_sent(engine: Dask, tmp_path:
         ("another", BadAnswer, "of another job"),
         ("large", BadAnswer, "too large"),
         ("differ", WorkerDiffers, "another package"),
+        ("lack", JobFailed, "lacks a package"),
     ],
 )
 def test_what_a_worker_does_wrong_is_named_and_the_job_is_done_again(
@@ -144,7 +145,8 @@ def test_what_a_worker_does_wrong_is_named_and_the_job_is_done_again(
 ) -> None:
     wrong = job(deed, once=str(tmp_path / "once"))
     (found,) = done(engine, tmp_path, wrong)
-    assert [words in str(one) for one in found.lost if type(one) is error][:1] == [True]
+    first = next(one for one in found.lost if type(one) is error)
+    assert words in str(first) and first.details["machine"] == "127.0.0.1"
     assert found.answer is not None
 
 
@@ -226,3 +228,11 @@ def test_a_client_without_a_certificate_is_told_which_file_is_missing(address: s
     with pytest.raises(PoolFilesMissing) as missing:
         Dask(address, tmp_path, {}, MAX_BYTES)
     assert missing.value.details["path"] == str(tmp_path / "ca.pem")
+
+
+def test_a_pool_that_ends_leaves_its_jobs_to_this_machine(engine: Dask, tmp_path: Path) -> None:
+    found = done(engine, tmp_path, job("end"), *(job("answer", number) for number in range(6)))
+    assert [one.answer for one in found if one.by == "local"]
+    assert not [one for one in found if one.answer is None]
+    with pytest.raises(EngineGone):
+        engine.do(job("answer", 7), threading.Event())

@@ -21,6 +21,8 @@ from tests.support.dao import Dao, founded
 from tests.support.executor import Executor, Film, stored
 from tests.support.site import NewSite
 
+pytestmark = pytest.mark.long
+
 ORACLES = ("anna", "bert", "carl", "dora", "erin")
 AT_WORK = ("oracle.anna", "oracle.bert", "oracle.carl")
 """Dora's machine is off, and erin lies."""

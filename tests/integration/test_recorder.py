@@ -28,6 +28,8 @@ from rodeo_cli.site import read_rows
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import NewSite, RunningSite
 
+pytestmark = pytest.mark.long
+
 ROBOTS = ("panther1", "panther2", "panther3")
 SITE = "clock.speed = 5\nagent.explore_when_idle = false\n" + "".join(
     f'[[robots]]\nname = "{name}"\nmind = "node.{name}"\npose = {{ x_m = {1.4 + number}, y_m = 1.3 }}\n'

@@ -27,6 +27,8 @@ from rodeo.runtime.sim_clock import SimClock
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 READY_RAD = np.array(PosturesConfig().ready_rad)
 
 BEHIND_DESK = Pose2(x_m=4.7, y_m=3.2, yaw_rad=1.0)

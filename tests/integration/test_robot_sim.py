@@ -29,6 +29,8 @@ from rodeo_testing.waiting import HANG_S, wait_until
 from services.robot_sim.state import saved_time_ns
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 
 class Remote:
     """A foreign node that watches the robot and commands it."""
@@ -207,7 +209,6 @@ def test_a_goal_nobody_can_reach_is_aborted_with_nav2s_code(remote: Remote) -> N
     assert aborted.value.result.error_code == 204
 
 
-@pytest.mark.long
 @SLOWLY
 def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remote) -> None:
     parking = BinLayout(remote.site.bins[0]).parking

@@ -28,6 +28,8 @@ from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.dao import PARAMS, Dao, founded
 from tests.support.site import free_port, write_site
 
+pytestmark = pytest.mark.long
+
 CLEANING = "waste_disposal"
 SITE = """bus.router = "tls/127.0.0.1:{port}"
 ros = [

@@ -201,10 +201,11 @@ class LoopbackServer:
 
 class BadNode(LoopbackServer):
     """An HTTP server that gives `answer(payload, good)` to each POST, where `good` is what a good node
-    answers; None: exactly that. `good_node` answers a payload."""
+    answers, and ends the connection where that is None. Without `answer` it gives exactly `good`, which
+    `good_node` makes of a payload."""
 
     def __init__(self, good_node: Callable[[Any], Any] = good_replies) -> None:
-        self.answer: Callable[[Any, Any], Reply] | None = None
+        self.answer: Callable[[Any, Any], Reply | None] | None = None
         self.asked: list[Any] = []
         self.headers: list[Mapping[str, str]] = []
         node = self
@@ -216,6 +217,9 @@ class BadNode(LoopbackServer):
                 node.headers.append(dict(self.headers))
                 good = good_node(payload)
                 reply = json_reply(good) if node.answer is None else node.answer(payload, good)
+                if reply is None:
+                    self.close_connection = True
+                    return
                 self.send_response(reply.status)
                 for name, text in reply.headers.items():
                     self.send_header(name, text)

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rodeo.errors import ConfigError
 from rodeo.jobs.job import MOST_BYTES, BadAnswer, Job, WorkerDiffers
 from rodeo_pool import work
 from rodeo_pool.serving import Pool
@@ -48,6 +49,9 @@ class Deed:
     def doubt(self, _answer: bytes) -> str:
         return ""
 
+    def close(self) -> None:
+        """Nothing waits."""
+
 
 class Misdeed(Deed):
     """As a worker that misbehaves does it."""
@@ -67,6 +71,12 @@ class Misdeed(Deed):
                 return bytes(16 * MOST_BYTES)
             case "differ":
                 raise WorkerDiffers("this worker has another package", here="0.0.9")
+            case "lack":
+                raise ConfigError("this worker lacks a package")
+            case "end":
+                status = Path(f"/proc/{worker}/stat").read_text()
+                os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGKILL)  # its parent, see proc(5)
+                stop.wait()
             case "wait":
                 Path(job.given["began"]).touch()
                 stop.wait()
@@ -125,4 +135,4 @@ def served(folder: Path, site: Path, workers: int = 2, **environment: str) -> It
 if __name__ == "__main__":
     tls, site = map(Path, sys.argv[1:])
     pool = Pool(tls, site, port=0, workers=2, silent_s=SILENT_S)
-    asyncio.run(pool.serve(lambda address: print(address, flush=True)))
+    asyncio.run(pool.serve(lambda address: print(address, flush=True), print))

@@ -15,6 +15,21 @@ from rodeo_cli.site_check import check
 from tests.support.site import LAB
 
 
+def lab_with(folder: Path, lines: str) -> Path:
+    """The repository's lab, with these lines of a site file."""
+    path = folder / "site.toml"
+    path.write_text(f'extends = "{LAB}"\n{lines}\n')
+    return path
+
+
+def refused(path: Path) -> dict[str, str]:
+    """What is wrong with each field of a site file."""
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    fields: dict[str, str] = caught.value.details["fields"]
+    return fields
+
+
 def test_the_lab_of_the_repository_is_valid() -> None:
     site = Site.load(LAB)
     assert site.robot("panther1").name == "panther1"
@@ -35,8 +50,7 @@ def test_a_public_test_network_gets_what_new_organizations_have() -> None:
 
 
 def test_a_site_extends_another_and_overrides_single_values(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\nclock.speed = 3.0\n')
+    path = lab_with(tmp_path, "clock.speed = 3.0")
     site = Site.load(path)
     assert site.clock.speed == 3.0
     assert site.clock.idle_speed == Site.load(LAB).clock.idle_speed
@@ -110,26 +124,19 @@ def test_the_environment_overrides_the_file(monkeypatch: pytest.MonkeyPatch) -> 
     ],
 )
 def test_what_is_no_address_and_no_number_is_an_error(tmp_path: Path, line: str, field: str) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\n{line}\n')
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert list(caught.value.details["fields"]) == [field]
+    path = lab_with(tmp_path, line)
+    assert list(refused(path)) == [field]
 
 
 def test_a_data_directory_without_a_name_is_an_error(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\ndata_dir = ""\n')
+    path = lab_with(tmp_path, 'data_dir = ""')
     with pytest.raises(ConfigError, match="data_dir: an empty text names no file or folder"):
         Site.load(path)
 
 
 def test_an_unknown_setting_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\nclock.sped = 3.0\n')
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert list(caught.value.details["fields"]) == ["clock.sped"]
+    path = lab_with(tmp_path, "clock.sped = 3.0")
+    assert list(refused(path)) == ["clock.sped"]
 
 
 def test_a_file_that_extends_itself_is_an_error(tmp_path: Path) -> None:
@@ -171,21 +178,17 @@ def test_a_place_has_a_name_of_its_own_and_is_in_the_room(
     site = tmp_path / "site.toml"
     tables = [f'[[places]]\nname = "{name}"\npose = {{ x_m = {x_m}, y_m = 1.0 }}' for name, x_m in places]
     site.write_text("\n".join([f'extends = "{LAB}"', *tables]))
-    with pytest.raises(ConfigError) as refused:
-        Site.load(site)
-    assert text in refused.value.details["fields"][field]
+    assert text in refused(site)[field]
 
 
 def test_a_site_without_bins_and_docks_is_one(tmp_path: Path) -> None:
-    site = tmp_path / "site.toml"
-    site.write_text(f'extends = "{LAB}"\nbins = []\ndocks = []\nkinds = []\n')
+    site = lab_with(tmp_path, "bins = []\ndocks = []\nkinds = []")
     assert (Site.load(site).bins, Site.load(site).docks) == ([], [])
 
 
 def test_a_camera_folder_is_beside_the_file_that_says_it(tmp_path: Path) -> None:
-    site = tmp_path / "site.toml"
     camera = 'camera = { source = "folder", address = "pictures" }'
-    site.write_text(f'extends = "{LAB}"\n[[bins]]\npose = {{ x_m = 5.2, y_m = 4.45 }}\n{camera}\n')
+    site = lab_with(tmp_path, f"[[bins]]\npose = {{ x_m = 5.2, y_m = 4.45 }}\n{camera}")
     assert Site.load(site).bins[0].camera.address == str(tmp_path / "pictures")
 
 
@@ -200,8 +203,7 @@ def test_the_data_directory_is_beside_the_file_that_says_it(
 
 
 def test_a_chain_elsewhere_cannot_follow_a_clock_that_runs_faster(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\nchain.backend = "external"\n')
+    path = lab_with(tmp_path, 'chain.backend = "external"')
     with pytest.raises(ConfigError, match=r"clock\.speed"):
         Site.load(path)
     path.write_text(path.read_text() + "clock.speed = 1\nclock.idle_speed = 1\n")
@@ -209,8 +211,7 @@ def test_a_chain_elsewhere_cannot_follow_a_clock_that_runs_faster(tmp_path: Path
 
 
 def test_a_simulated_site_begins_when_its_file_says(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\nclock.start = 2026-05-04T10:00:00+02:00\n')
+    path = lab_with(tmp_path, "clock.start = 2026-05-04T10:00:00+02:00")
     assert Site.load(path).clock.begin_s() == 1_777_881_600
     path.write_text(path.read_text() + "clock.speed = 1\nclock.idle_speed = 1\n")
     with pytest.raises(ConfigError, match="start"):
@@ -221,15 +222,13 @@ def test_a_simulated_site_begins_when_its_file_says(tmp_path: Path) -> None:
     "start", ["1969-12-31T23:59:59Z", "2038-01-19T03:14:08Z", "2040-05-04T08:00:00+02:00"]
 )
 def test_a_site_does_not_begin_when_ros_has_no_time(tmp_path: Path, start: str) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\nclock.start = {start}\n')
+    path = lab_with(tmp_path, f"clock.start = {start}")
     with pytest.raises(ConfigError, match="between 1970 and 2038-01-19"):
         Site.load(path)
 
 
 def test_a_site_that_is_swapped_to_the_wall_by_one_line_has_no_speeds_left(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\nclock.source = "wall"\n')
+    path = lab_with(tmp_path, 'clock.source = "wall"')
     assert Site.load(LAB).clock.idle_speed > 1
     clock = Site.load(path).clock
     assert (clock.speed, clock.idle_speed) == (1, 1)
@@ -286,20 +285,14 @@ def appealed(table: str) -> str:
     ],
 )
 def test_oracles_that_could_not_agree_are_an_error(tmp_path: Path, tables: str, field: str) -> None:
-    path = tmp_path / "site.toml"
     demo = 'demo = { kind = "waste_disposal" }\n' if "[[kinds]]" in tables else ""
-    path.write_text(f'extends = "{LAB}"\n{demo}{tables}')
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert field in caught.value.details["fields"]
+    path = lab_with(tmp_path, f"{demo}{tables}")
+    assert field in refused(path)
 
 
 def test_votes_that_nobody_could_cast_are_an_error(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\n[governance]\ndelay_s = 60\nkind = "vote"\n')
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert "governance.members" in caught.value.details["fields"]
+    path = lab_with(tmp_path, '[governance]\ndelay_s = 60\nkind = "vote"')
+    assert "governance.members" in refused(path)
 
 
 @pytest.mark.parametrize(
@@ -312,12 +305,9 @@ def test_votes_that_nobody_could_cast_are_an_error(tmp_path: Path) -> None:
     ],
 )
 def test_a_case_that_no_judge_takes_is_an_error(tmp_path: Path, line: str, field: str, text: str) -> None:
-    path = tmp_path / "site.toml"
     audit = "" if field in line else "\naudit_window_s = 60"
-    path.write_text(f'extends = "{LAB}"\n[economy]\n{line}{audit}\n')
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert text in caught.value.details["fields"][f"economy.{field}"]
+    path = lab_with(tmp_path, f"[economy]\n{line}{audit}")
+    assert text in refused(path)[f"economy.{field}"]
 
 
 LIMIT = "[bridge.limits]\nfinder.daily_iec = 500\norganization.daily_iec = 500\npanther1.daily_iec = 500\n"
@@ -338,15 +328,12 @@ LIMIT = "[bridge.limits]\nfinder.daily_iec = 500\norganization.daily_iec = 500\n
 def test_who_posts_what_robots_see_is_no_robot_and_has_a_limit(
     tmp_path: Path, poster: str, more: str, text: str
 ) -> None:
-    path = tmp_path / "site.toml"
     kind = f'[[kinds]]\nname = "waste_disposal"\npost_seen_as = "{poster}"\n'
-    path.write_text(f'extends = "{LAB}"\n{kind}[[participants]]\nname = "finder"\n{more}')
+    path = lab_with(tmp_path, f'{kind}[[participants]]\nname = "finder"\n{more}')
     if not text:
         assert Site.load(path).kinds[0].post_seen_as == poster
         return
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert text in caught.value.details["fields"]["kinds.0.post_seen_as"]
+    assert text in refused(path)["kinds.0.post_seen_as"]
 
 
 TOKEN = 'economy.token = { address = "0xA0b86991c6218b36c1d19D4a2e9Eb0cE3606eB48", decimals = 6 }\n'
@@ -366,22 +353,18 @@ TOKEN = 'economy.token = { address = "0xA0b86991c6218b36c1d19D4a2e9Eb0cE3606eB48
     ],
 )
 def test_amounts_finer_than_the_token_are_an_error(tmp_path: Path, line: str, field: str | None) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\n{TOKEN}{line}\n')
+    path = lab_with(tmp_path, f"{TOKEN}{line}")
     if field is None:
         assert Site.load(path).economy.currency.decimals == 6
         return
-    with pytest.raises(ConfigError) as caught:
-        Site.load(path)
-    assert "more than 6 decimals" in caught.value.details["fields"][field]
+    assert "more than 6 decimals" in refused(path)[field]
 
 
 def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_says_more(
     tmp_path: Path,
 ) -> None:
-    path = tmp_path / "site.toml"
     kinds = '[[kinds]]\nname = "waste_disposal"\nvotes = 3\n[[kinds]]\nname = "battery_charging"\n'
-    path.write_text(f'extends = "{LAB}"\n{three(kinds)}')
+    path = lab_with(tmp_path, three(kinds))
     site = Site.load(path)
     assert (votes_needed(site, "waste_disposal"), votes_needed(site, "battery_charging")) == (3, 2)
     assert [oracle_process(site, name) for name in oracle_names(site)] == [
@@ -393,8 +376,7 @@ def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_sa
 
 
 def test_an_appeal_takes_more_time_and_what_is_left_out_costs_twice_the_stake(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    path.write_text(f'extends = "{LAB}"\n{three(appealed(APPEAL))}')
+    path = lab_with(tmp_path, three(appealed(APPEAL)))
     wanted = Site.load(path).disputes
     assert wanted is not None and wanted.appeal is not None
     assert [one.votes for one in wanted.instances] == [3, 4]
@@ -403,9 +385,8 @@ def test_an_appeal_takes_more_time_and_what_is_left_out_costs_twice_the_stake(tm
 
 
 def test_where_there_are_two_bridges_the_second_has_the_oracles_wallets(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
     judges = '[[bridges]]\nname = "judges"\n'
-    path.write_text(f'extends = "{LAB}"\nparticipants = [{{ name = "alice" }}]\n{judges}')
+    path = lab_with(tmp_path, f'participants = [{{ name = "alice" }}]\n{judges}')
     assert bridge_wallets(Site.load(path)) == {
         "bridge": ["organization", "panther1", "alice"],
         "bridge.judges": ["oracle"],

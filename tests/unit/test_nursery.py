@@ -16,6 +16,8 @@ from tests.support import command
 from tests.support.nursery import Fork, Nursery
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 
 

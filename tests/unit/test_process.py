@@ -48,6 +48,7 @@ sys.exit(supervise("stuck", body, stop_s=0.5))
     assert "Traceback" not in log
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("error", "status"), [("ConfigError", GAVE_UP), ("KeystoreMissing", 1), ("ValueError", 1)]
 )

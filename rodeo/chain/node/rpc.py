@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from email.utils import parsedate_to_datetime
+from functools import partial
 from itertools import count
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -60,8 +61,9 @@ class TooMuch(InvalidAnswer):
 
 
 class Rpc:
-    """The node at `url`, whose limits it finds out. Thread-safe. Asking again for any other reason is the
-    caller's affair: it alone knows whether the answer still matters."""
+    """The node at `url`, whose limits it finds out. Thread-safe. It asks again within those limits, and where
+    a connection ended without an answer to what only reads. Asking again for any other reason is the caller's
+    affair: it alone knows whether the answer still matters."""
 
     def __init__(self, url: str, timeout_s: float = 10.0) -> None:
         self._url = url
@@ -189,7 +191,7 @@ class Rpc:
         ]
         alone = len(requests) == 1
         with self._range_timed(max((len(blocks_of(call) or ()) for call in calls), default=0)):
-            answer = self._post(json.dumps(requests[0] if alone else requests, default=_plain), len(calls))
+            answer = self._post(json.dumps(requests[0] if alone else requests, default=_plain), calls)
         if isinstance(answer, dict):
             if alone or "result" not in answer:
                 return self._one_for_all(answer, ids, calls)
@@ -261,19 +263,14 @@ class Rpc:
 
     # -- HTTP ----------------------------------------------------------------------------------------------
 
-    def _post(self, body: str, requests: int) -> Any:
+    def _post(self, body: str, calls: Sequence[Call]) -> Any:
         """The meaning of the JSON in the answer's body."""
+        requests = len(calls)
         if (left_s := self.habits.pause_s) > 0:
             raise RateLimited("the node asked not to be asked again yet", retry_after_s=round(left_s, 3))
         timeout_s = self._timeout_s + _EACH_S * (requests - 1)
         try:
-            response = self._pool.request(
-                "POST",
-                self._url,
-                body=body,
-                timeout=timeout_s,
-                preload_content=False,
-            )
+            response = self._begin(body, timeout_s, is_repeatable=all(map(_is_repeatable, calls)))
             raw = self._read(response, time.monotonic() + timeout_s)
         except ProtocolError as error:
             # Some end the connection where a batch is too long.
@@ -305,6 +302,19 @@ class Rpc:
             raise self._invalid(
                 "it is not JSON", text, kind, http_status=response.status, reason=NO_NODE
             ) from error
+
+    def _begin(self, body: str, timeout_s: float, is_repeatable: bool) -> urllib3.BaseHTTPResponse:
+        """The head of the answer. A server ends a connection that was idle for long, and may do so in the
+        moment in which it is used again: then the same is asked once more, if that changes nothing."""
+        ask = partial(
+            self._pool.request, "POST", self._url, body=body, timeout=timeout_s, preload_content=False
+        )
+        try:
+            return ask()
+        except ProtocolError as error:
+            if not (is_repeatable and isinstance(error.args[-1], ConnectionResetError)):
+                raise
+        return ask()
 
     def _read(self, response: urllib3.BaseHTTPResponse, end_s: float) -> bytes:
         """The whole body. Raises InvalidAnswer and TimeoutError."""
@@ -373,6 +383,13 @@ def _pool(url: str, headers: dict[str, str]) -> urllib3.PoolManager:
     login = f"{unquote(parts.username)}:{unquote(parts.password or '')}" if parts.username else None
     own = urllib3.make_headers(proxy_basic_auth=login)
     return urllib3.ProxyManager(proxy, maxsize=8, retries=False, headers=headers, proxy_headers=own)
+
+
+def _is_repeatable(call: Call) -> bool:
+    """Whether it only reads. A transaction that was taken before the connection ended would be refused the
+    second time, as if it had not been sent."""
+    method, _ = call
+    return method.startswith("eth_") and not method.startswith("eth_send")
 
 
 def _number(identifier: Any) -> int | None:

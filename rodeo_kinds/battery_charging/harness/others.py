@@ -54,19 +54,19 @@ def a_charge_that_begins_in_the_last(shop: ChargingWorkshop) -> Submission:
     return replace(submission, spent=(f"{what}/{begin_wh - 90.0:.4f}-{begin_wh + 1.0:.4f}",))
 
 
-@HARNESS.forgery("same_names", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("same_names", role="creator", doubts="the task's creator")
 def energy_of_no_amount(shop: ChargingWorkshop) -> Submission:
     """The order is for 0 Wh, so any delivery is complete."""
     return shop.charged(shop.take, params={"energy_wh": 0.0})
 
 
-@HARNESS.forgery("same_names", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("same_names", role="creator", doubts="the task's creator")
 def energy_below_nothing(shop: ChargingWorkshop) -> Submission:
     """The order is for a negative energy."""
     return shop.charged(shop.take, params={"energy_wh": -100.0})
 
 
-@HARNESS.forgery("same_names", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("same_names", role="creator", doubts="the task's creator")
 def a_target_that_is_no_number(shop: ChargingWorkshop) -> Submission:
     """The target is NaN."""
     return shop.charged(shop.take, params={"soc_target": nan})

@@ -221,9 +221,7 @@ def a_robot_that_was_full(shop: ChargingWorkshop) -> Submission:
     return shop.charged(shop.take, params={"soc_from": 0.5})
 
 
-@HARNESS.forgery(
-    "both_signed", "two different statements", role="seller", ruling="void", doubts="the meter dock1"
-)
+@HARNESS.forgery("both_signed", "two different statements", role="seller", doubts="the meter dock1")
 def one_number_twice(shop: ChargingWorkshop) -> Submission:
     """The meter signs two registers under one number."""
     extra: list[Attestation] = []
@@ -237,7 +235,7 @@ def one_number_twice(shop: ChargingWorkshop) -> Submission:
     return shop.charged(shop.take, sides=replace(_HONEST, keep=keep))
 
 
-@HARNESS.forgery("both_signed", "open bus", role="bystander", ruling="void", doubts="the site")
+@HARNESS.forgery("both_signed", "open bus", role="bystander", doubts="the site")
 def readings_by_message(shop: ChargingWorkshop) -> Submission:
     """Invented readings of terminals and battery on an open bus: meter and robot sign them correctly."""
     return shop.charged(shop.take, sides=replace(_HONEST, inputs="open_bus"))

@@ -39,11 +39,7 @@ def _at_home(shop: CleaningWorkshop) -> Take:
 
 
 @HARNESS.forgery(
-    "not_given_up",
-    "motion capture was off",
-    role="executor",
-    ruling="void",
-    doubts="the site's motion capture",
+    "not_given_up", "motion capture was off", role="executor", doubts="the site's motion capture"
 )
 def never_came_while_the_plug_was_long_pulled(shop: CleaningWorkshop) -> Submission:
     """The motion capture is off for so long that the robot may have been there and back."""
@@ -154,11 +150,7 @@ def a_crumb_together_with_the_item(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.ruining(
-    "weight",
-    "something else may have fallen in with it",
-    role="bystander",
-    ruling="void",
-    doubts="whoever dropped it",
+    "weight", "something else may have fallen in with it", role="bystander", doubts="whoever dropped it"
 )
 def a_stone_together_with_the_item(shop: CleaningWorkshop) -> Submission:
     """The bin weighs both as one drop. Motion capture sees the item in the compartment."""
@@ -166,11 +158,7 @@ def a_stone_together_with_the_item(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.ruining(
-    "weight",
-    "something else may have fallen in with it",
-    role="creator",
-    ruling="void",
-    doubts="whoever dropped it",
+    "weight", "something else may have fallen in with it", role="creator", doubts="whoever dropped it"
 )
 def a_stone_shortly_before_the_item(shop: CleaningWorkshop) -> Submission:
     """The scale is still shaken by it when the item falls in."""
@@ -178,11 +166,7 @@ def a_stone_shortly_before_the_item(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.ruining(
-    "weight",
-    "something else may have fallen in with it",
-    role="bystander",
-    ruling="void",
-    doubts="whoever dropped it",
+    "weight", "something else may have fallen in with it", role="bystander", doubts="whoever dropped it"
 )
 def a_stone_onto_an_item_behind_the_walls(shop: CleaningWorkshop) -> Submission:
     """The same, and the walls hide the item since it fell."""

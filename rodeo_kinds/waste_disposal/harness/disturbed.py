@@ -106,7 +106,6 @@ def another_compartment_is_emptied(shop: CleaningWorkshop) -> Submission:
     "stays_in_bin",
     "which is seen there since",
     role="bystander",
-    ruling="void",
     doubts="whoever took something out of the bin",
 )
 def a_can_of_the_same_weight_is_taken_out(shop: CleaningWorkshop) -> Submission:
@@ -115,11 +114,7 @@ def a_can_of_the_same_weight_is_taken_out(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.ruining(
-    "stays_in_bin",
-    "nobody saw it since",
-    role="bystander",
-    ruling="void",
-    doubts="whoever took something out of the bin",
+    "stays_in_bin", "nobody saw it since", role="bystander", doubts="whoever took something out of the bin"
 )
 def a_lighter_thing_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submission:
     """Something lighter than the item is taken out, and the walls hide the item."""
@@ -127,11 +122,7 @@ def a_lighter_thing_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Sub
 
 
 @HARNESS.ruining(
-    "stays_in_bin",
-    "more than the item",
-    role="bystander",
-    ruling="void",
-    doubts="whoever took something out of the bin",
+    "stays_in_bin", "more than the item", role="bystander", doubts="whoever took something out of the bin"
 )
 def a_heavier_can_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submission:
     """An old can that is heavier than the item is taken out, and the walls hide the item."""
@@ -139,11 +130,7 @@ def a_heavier_can_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submi
 
 
 @HARNESS.forgery(
-    "stays_in_bin",
-    "more than the item",
-    role="executor",
-    ruling="void",
-    doubts="whoever took something out of the bin",
+    "stays_in_bin", "more than the item", role="executor", doubts="whoever took something out of the bin"
 )
 def taken_out_together_with_an_old_can(shop: CleaningWorkshop) -> Submission:
     """The item is taken out again where nobody sees it, in one hand with another thing. By weight nobody can
@@ -193,26 +180,20 @@ def _taken(shop: CleaningWorkshop, take: Take | None = None) -> Submission:
     return shop.submitted(gives_up(take or _lifted(waits(shop.take), shop.take.start_s + 9.0), 1.0))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else lifted the item", role="creator", ruling="void", doubts="whoever took it"
-)
+@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="creator", doubts="whoever took it")
 def the_creator_takes_the_item(shop: CleaningWorkshop) -> Submission:
     """When the robot stands in front of the item, the creator takes it, so that the robot is fined."""
     return _taken(shop)
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else lifted the item", role="bystander", ruling="void", doubts="whoever took it"
-)
+@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="bystander", doubts="whoever took it")
 def a_child_takes_the_item_and_hides_it(shop: CleaningWorkshop) -> Submission:
     """The same, and the item is never seen again."""
     take = _lifted(waits(shop.take), shop.take.start_s + 9.0)
     return _taken(shop, edited_between(take, ITEM_POSE, shop.take.start_s + 12.5, math.inf, lambda _: None))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else lifted the item", role="bystander", ruling="void", doubts="whoever took it"
-)
+@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="bystander", doubts="whoever took it")
 def taken_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
     """The gripper is right above the item, open, and another hand is faster."""
     take = waits(shop.take)
@@ -221,9 +202,7 @@ def taken_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, _lifted(above, shop.take.start_s + 9.0))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def taken_before_the_robot_comes(shop: CleaningWorkshop) -> Submission:
     """The item is taken away while the robot is on its way."""
     take = waits(shop.take)
@@ -241,43 +220,33 @@ def _slid(take: Take, begin_s: float, by_m: float, lasts_s: float) -> Take:
     return take.edited(ITEM_POSE, edit)
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def a_child_kicks_the_item_away(shop: CleaningWorkshop) -> Submission:
     """The robot stands in front of the item, and a child kicks it across the room."""
     return _taken(shop, _slid(waits(shop.take), shop.take.start_s + 7.5, 1.5, 1.0))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="creator", doubts="whoever moved it")
 def the_creator_slides_the_item_aside(shop: CleaningWorkshop) -> Submission:
     """The creator pulls the item aside on a thread while the gripper hovers above it."""
     return _taken(shop, _slid(waits(shop.take), shop.take.start_s + 14.0, 0.5, 1.5))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
     """The gripper hovers above the item, open, when somebody kicks it by a hand's width."""
     take = _slid(waits(shop.take), shop.take.start_s + 14.0, 0.15, 0.2)
     return shop.submitted(gives_up(take, 1.0, "grasp_failed"))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_below_a_shelf(shop: CleaningWorkshop) -> Submission:
     """A child kicks the item where nobody sees it any more."""
     take = _slid(waits(shop.take), shop.take.start_s + 7.5, 1.5, 1.0)
     return _taken(shop, edited_between(take, ITEM_POSE, shop.take.start_s + 8.4, math.inf, lambda _: None))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_unseen(shop: CleaningWorkshop) -> Submission:
     """Nobody sees the item for a second, then it lies half a metre away; the robot was seen to stand."""
     begin_s = shop.take.start_s + 7.5
@@ -285,9 +254,7 @@ def kicked_unseen(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, edited_between(take, ITEM_POSE, begin_s - 0.3, begin_s + 0.7, lambda _: None))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_at_the_robot(shop: CleaningWorkshop) -> Submission:
     """The item flies at the robot, and is there in less than a tenth of a second."""
     take, begin_s = waits(shop.take), shop.take.start_s + 7.5
@@ -302,9 +269,7 @@ def kicked_at_the_robot(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, take.edited(ITEM_POSE, edit))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="creator", doubts="whoever moved it")
 def kicked_while_the_robot_comes(shop: CleaningWorkshop) -> Submission:
     """The robot drives up to the item, and is more than a metre away when somebody kicks it."""
     take = waits(shop.take)
@@ -474,9 +439,7 @@ def lifted_by_an_accomplice_and_then_pushed(shop: CleaningWorkshop) -> Submissio
     return shop.submitted(gives_up(lifted, 1.0, "grasp_failed"))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_twice(shop: CleaningWorkshop) -> Submission:
     """A child kicks the item, and kicks it again when it lies."""
     return _taken(
@@ -485,9 +448,7 @@ def kicked_twice(shop: CleaningWorkshop) -> Submission:
     )
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_against_the_robot(shop: CleaningWorkshop) -> Submission:
     """A child kicks the item, which bounces off the robot's base while the robot lowers its arm."""
     take, begin_s = waits(shop.take), shop.take.start_s + 13.0
@@ -530,32 +491,26 @@ def _kicked_and_lost(
     return shop.submitted(take, witnesses=Witnesses(lay=(ITEM, 60), edit=edit))
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_after_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
     """A child kicks the item, and the network has lost what motion capture said of the second before."""
     return _kicked_and_lost(shop, -0.9, -0.8)
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="bystander", doubts="whoever moved it")
 def kicked_in_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
     """The same, of the second of the kick, after which the item rolls on for a second."""
     return _kicked_and_lost(shop, 0.0, 0.2, lasts_s=2.0, most=1)
 
 
-@HARNESS.ruining("not_given_up", "the executor reports", role="bystander", ruling="given_up", doubts=None)
+@HARNESS.ruining("not_given_up", "the executor reports", role="bystander", given_up=True)
 def kicked_in_seconds_that_are_lost(shop: CleaningWorkshop) -> Submission:
     """Two statements are lost, and the item lies again in the second one. Where it lies is not signed before
     the robot gives up."""
     return _kicked_and_lost(shop, 0.0, 0.5)
 
 
-@HARNESS.ruining(
-    "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
-)
+@HARNESS.ruining("not_given_up", "somebody else moved it", role="creator", doubts="whoever moved it")
 def kicked_until_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
     """The creator kicks the item seen by all, and what was said of the second in which it comes to rest is
     lost."""
@@ -704,11 +659,7 @@ def stones_before_and_after(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.forgery(
-    "weight",
-    "something else may have fallen in with it",
-    role="executor",
-    ruling="void",
-    doubts="whoever dropped it",
+    "weight", "something else may have fallen in with it", role="executor", doubts="whoever dropped it"
 )
 def a_stone_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
     """A stone takes the claim, and nothing else falls in. Motion capture sees the item in the compartment: it
@@ -717,11 +668,7 @@ def a_stone_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.forgery(
-    "weight",
-    "something else may have fallen in with it",
-    role="executor",
-    ruling="void",
-    doubts="whoever dropped it",
+    "weight", "something else may have fallen in with it", role="executor", doubts="whoever dropped it"
 )
 def stones_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
     """Two stones fall in, of which neither can be the item alone."""
@@ -729,11 +676,7 @@ def stones_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.ruining(
-    "weight",
-    "something else may have fallen in with it",
-    role="bystander",
-    ruling="void",
-    doubts="whoever dropped it",
+    "weight", "something else may have fallen in with it", role="bystander", doubts="whoever dropped it"
 )
 def its_twin_elsewhere_and_a_stone_with_it(shop: CleaningWorkshop) -> Submission:
     """A stone falls in together with the item, and before that into another compartment what weighs the same
@@ -786,14 +729,14 @@ def a_stone_of_another_robot(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(_claimed(_junk(shop.take, 0.6, STONE_N), _THEIRS))
 
 
-@HARNESS.forgery("presented", role="executor", ruling="void", doubts="whoever dropped it")
+@HARNESS.forgery("presented", role="executor", doubts="whoever dropped it")
 def in_the_wake_of_another_robot(shop: CleaningWorkshop) -> Submission:
     """The robot presents itself while another one shows its item, and drops its own after it, unshown."""
     claims = _ours(shop, shop.take), _THEIRS
     return shop.submitted(_claimed(_junk(shop.take, 2.0, STONE_N), *claims))
 
 
-@HARNESS.ruining("presented", role="bystander", ruling="void", doubts="whoever dropped it")
+@HARNESS.ruining("presented", role="bystander", doubts="whoever dropped it")
 def a_stone_while_another_robot_presents_itself(shop: CleaningWorkshop) -> Submission:
     """The same, but it was an accomplice of the other robot that threw a stone in. The bin cannot tell."""
     claims = _THEIRS, _ours(shop, shop.take)
@@ -817,7 +760,7 @@ def the_recorder_unplugged_at_the_beginning(shop: CleaningWorkshop) -> Submissio
     return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: True, twin_ends=0))
 
 
-@HARNESS.ruining("not_given_up", "the executor reports", role="bystander", ruling="given_up")
+@HARNESS.ruining("not_given_up", "the executor reports", role="bystander", given_up=True)
 def the_recorder_unplugged_before_it_gives_up(shop: CleaningWorkshop) -> Submission:
     """The same, and the robot cannot grasp the item."""
     left = Witnesses(twin=lambda time_s: True, twin_ends=0, lay=(ITEM, 60))
@@ -845,19 +788,19 @@ def _off_for_good(shop: CleaningWorkshop, begin_s: float) -> Submission:
     return shop.submitted(watched(shop.take), witnesses=witnesses)
 
 
-@HARNESS.ruining("stays_in_bin", role="bystander", ruling="void", doubts="the site's motion capture")
+@HARNESS.ruining("stays_in_bin", role="bystander", doubts="the site's motion capture")
 def the_plug_pulled_for_good_after_the_drop(shop: CleaningWorkshop) -> Submission:
     """The motion capture never speaks again. What the bin states later lists nothing newer of it."""
     return _off_for_good(shop, _drop(shop.take)["settled_s"] + 2.0)
 
 
-@HARNESS.ruining("stays_in_bin", role="creator", ruling="void", doubts="the site's motion capture")
+@HARNESS.ruining("stays_in_bin", role="creator", doubts="the site's motion capture")
 def the_plug_pulled_for_good_while_it_falls(shop: CleaningWorkshop) -> Submission:
     """The same before the bin has weighed the item."""
     return _off_for_good(shop, _drop(shop.take)["settled_s"] - 1.0)
 
 
-@HARNESS.ruining("stays_in_bin", role="bystander", ruling="void", doubts="the site's motion capture")
+@HARNESS.ruining("stays_in_bin", role="bystander", doubts="the site's motion capture")
 def the_plug_pulled_for_good_at_the_last_moment(shop: CleaningWorkshop) -> Submission:
     """The same one second before the end of what is judged."""
     return _off_for_good(shop, _drop(shop.take)["settled_s"] + 9.0)
@@ -882,13 +825,13 @@ def _all_silent(shop: CleaningWorkshop, take: Take, after_drop_s: float) -> Subm
     return shop.submitted(longer, witnesses=witnesses, proof_submitted=longer.end_s + 3.0)
 
 
-@HARNESS.ruining("stays_in_bin", role="bystander", ruling="void", doubts="the site")
+@HARNESS.ruining("stays_in_bin", role="bystander", doubts="the site")
 def the_fuse_blown_after_the_drop(shop: CleaningWorkshop) -> Submission:
     """Motion capture and bin fall silent together, and never speak again."""
     return _all_silent(shop, watched(shop.take), 2.0)
 
 
-@HARNESS.ruining("dropped", role="creator", ruling="void", doubts="the site")
+@HARNESS.ruining("dropped", role="creator", doubts="the site")
 def the_fuse_blown_while_it_falls(shop: CleaningWorkshop) -> Submission:
     """The same before the bin has weighed the item."""
     return _all_silent(shop, watched(shop.take), -0.3)
@@ -937,7 +880,7 @@ def statements_left_out_for_minutes(shop: CleaningWorkshop) -> Submission:
     return _left_out(shop, watched(shop.take, 120.0), watch=True)
 
 
-@HARNESS.forgery("stays_in_bin", role="executor", ruling="void", doubts="the site")
+@HARNESS.forgery("stays_in_bin", role="executor", doubts="the site")
 def statements_left_out_until_nobody_waits(shop: CleaningWorkshop) -> Submission:
     """The same, and the robot records for longer than it would wait. Nobody can tell that from a blown fuse:
     nobody is paid."""
@@ -952,26 +895,26 @@ def the_carry_left_out_until_nobody_waits(shop: CleaningWorkshop) -> Submission:
     return _left_out(shop, still, watch=True, after_drop_s=-45.0)
 
 
-@HARNESS.ruining("seen_throughout", role="bystander", ruling="void", doubts="the site's motion capture")
+@HARNESS.ruining("seen_throughout", role="bystander", doubts="the site's motion capture")
 def the_plug_pulled_over_the_grasp(shop: CleaningWorkshop) -> Submission:
     """The motion capture is off while the gripper closes."""
     lifted = next(s for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > 0.15)
     return _off(shop, lifted.time_ns * 1e-9 - 4.0, 4.0)
 
 
-@HARNESS.ruining("order", role="creator", ruling="void", doubts="the site's motion capture")
+@HARNESS.ruining("order", role="creator", doubts="the site's motion capture")
 def the_plug_pulled_on_the_way_to_the_bin(shop: CleaningWorkshop) -> Submission:
     """The creator pulls the plug of its own motion capture while the robot carries the item."""
     return _off(shop, middle_s(shop.take, 0.45), 4.0)
 
 
-@HARNESS.ruining("dropped", role="bystander", ruling="void", doubts="the bin itrash")
+@HARNESS.ruining("dropped", role="bystander", doubts="the bin itrash")
 def the_bin_unplugged_before_the_drop(shop: CleaningWorkshop) -> Submission:
     """The bin says what it was shown, and nothing more."""
     return shop.submitted(shop.take.without("bin/drop"))
 
 
-@HARNESS.ruining("not_given_up", "did not answer", role="bystander", ruling="void", doubts="the bin itrash")
+@HARNESS.ruining("not_given_up", "did not answer", role="bystander", doubts="the bin itrash")
 def the_bin_unplugged_before_the_showing(shop: CleaningWorkshop) -> Submission:
     """The bin does not say what it is shown, and the robot gives up."""
     shown_s = shop.take.of("bin/classification")[0].time_ns * 1e-9
@@ -979,7 +922,7 @@ def the_bin_unplugged_before_the_showing(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(gives_up(shop.take.without("bin/classification"), share, "no_answer"))
 
 
-@HARNESS.ruining("not_given_up", "is full", role="bystander", ruling="void", doubts="the bin itrash")
+@HARNESS.ruining("not_given_up", "is full", role="bystander", doubts="the bin itrash")
 def the_compartment_filled_meanwhile(shop: CleaningWorkshop) -> Submission:
     """Somebody fills the compartment while the robot carries the item to it."""
     take = told(shop.take, "bin/classification", full=True).without("bin/drop")
@@ -994,30 +937,26 @@ def _stolen(shop: CleaningWorkshop, role: str) -> Submission:
     return shop.submitted(shop.take, devices=registered(role, **revoked))
 
 
-@HARNESS.ruining(
-    "witnessed", "revoked as compromised", role="bystander", ruling="void", doubts="the site's motion capture"
-)
+@HARNESS.ruining("witnessed", "revoked as compromised", role="bystander", doubts="the site's motion capture")
 def the_motion_captures_key_stolen(shop: CleaningWorkshop) -> Submission:
     """Its owner finds out before the proof is submitted: nobody can tell who signed."""
     return _stolen(shop, "mocap")
 
 
-@HARNESS.ruining(
-    "bin_witnessed", "revoked as compromised", role="bystander", ruling="void", doubts="the bin itrash"
-)
+@HARNESS.ruining("bin_witnessed", "revoked as compromised", role="bystander", doubts="the bin itrash")
 def the_bins_key_stolen(shop: CleaningWorkshop) -> Submission:
     """The same with the bin's."""
     return _stolen(shop, "bin")
 
 
-@HARNESS.ruining("signer", "revoked as compromised", role="bystander", ruling="given_up")
+@HARNESS.ruining("signer", "revoked as compromised", role="bystander", given_up=True)
 def the_robots_key_stolen(shop: CleaningWorkshop) -> Submission:
     """The same with the robot's, in the middle of its work."""
     revoked = {"revoked": middle_s(shop.take), "revoked_because": "compromised"}
     return shop.submitted(shop.take, devices=registered("robot", **revoked))
 
 
-@HARNESS.ruining("presented", role="bystander", ruling="void", doubts="the site")
+@HARNESS.ruining("presented", role="bystander", doubts="the site")
 def another_robot_claims_the_showing_where_nobody_sees(shop: CleaningWorkshop) -> Submission:
     """At a site without motion capture another robot presents itself while this one shows its item."""
     blind = without_mocap(shop.take, ITEM)

@@ -672,13 +672,7 @@ def motion_capture_of_the_executor(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, devices=registered("mocap", owner=EXECUTOR))
 
 
-@HARNESS.forgery(
-    "witnessed",
-    "registered no motion capture of this site",
-    role="executor",
-    ruling="void",
-    doubts="the site",
-)
+@HARNESS.forgery("witnessed", "registered no motion capture of this site", role="executor", doubts="the site")
 def motion_capture_of_another_room(shop: CleaningWorkshop) -> Submission:
     """The signing motion capture is registered under another name."""
     return shop.submitted(shop.take, devices=registered("mocap", name="mocap2"))
@@ -1268,7 +1262,7 @@ def another_picture(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take.edited(PICTURE, lambda s: with_fields(s, data=nicer)))
 
 
-@HARNESS.forgery("pictured", "no picture", role="holder of two keys", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("pictured", "no picture", role="holder of two keys", doubts="the bin itrash")
 def the_hash_of_an_empty_picture(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key signs the hash of nothing, and nothing is in the proof."""
     empty = shop.take.edited(PICTURE, lambda s: with_fields(s, data=np.zeros(0, np.uint8)))
@@ -1283,18 +1277,14 @@ def a_picture_that_nobody_has(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(shop.take, "bin/classification", earlier=[more]))
 
 
-@HARNESS.forgery(
-    "classified", "before the grasp", role="holder of two keys", ruling="void", doubts="the bin itrash"
-)
+@HARNESS.forgery("classified", "before the grasp", role="holder of two keys", doubts="the bin itrash")
 def a_picture_of_another_task(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key combined a picture of the item before this one."""
     more = {"image_sha256": "0x" + sha256(b"the last item").hexdigest(), "taken_s": shop.take.start_s}
     return shop.submitted(told(shop.take, "bin/classification", earlier=[more]))
 
 
-@HARNESS.forgery(
-    "pictured", "the rules do not list", role="holder of two keys", ruling="void", doubts="the bin itrash"
-)
+@HARNESS.forgery("pictured", "the rules do not list", role="holder of two keys", doubts="the bin itrash")
 def the_word_of_its_own_network(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key asked a network that says what its owner likes."""
     own = "0x" + sha256(b"a network that calls everything plastic").hexdigest()
@@ -1302,11 +1292,7 @@ def the_word_of_its_own_network(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.forgery(
-    "pictured",
-    "the network that it names says paper",
-    role="holder of two keys",
-    ruling="void",
-    doubts="the bin itrash",
+    "pictured", "the network that it names says paper", role="holder of two keys", doubts="the bin itrash"
 )
 def the_word_of_nobodys_network(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key calls paper cardboard, in the name of the listed network."""
@@ -1320,7 +1306,7 @@ def a_feather(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(shop.take, "bin/drop", weight_n=0.01))
 
 
-@HARNESS.forgery("weight", "50.0 N", role="executor", ruling="void", doubts="whoever dropped it")
+@HARNESS.forgery("weight", "50.0 N", role="executor", doubts="whoever dropped it")
 def a_brick(shop: CleaningWorkshop) -> Submission:
     """The bin measured five kilograms."""
     return shop.submitted(told(shop.take, "bin/drop", weight_n=50.0))

@@ -81,7 +81,7 @@ def assigned(take: Take, before_s: float) -> dict[str, Any]:
 # -- what lay there is not found -------------------------------------------------------------------------
 
 
-@HARNESS.forgery("not_given_up", "cannot be done", role="executor", ruling="given_up")
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor", given_up=True)
 def not_found_behind_its_own_arm(shop: CleaningWorkshop) -> Submission:
     """The robot's arm hides the item for 3.2 seconds. Then the robot says that nothing is there."""
     take = waits(shop.take)
@@ -137,7 +137,7 @@ def pushed_away_before_a_late_recording(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(moved, **assigned(take, 60.0))
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "since when", role="executor", doubts="nobody")
 def pushed_away_right_after_the_assignment(shop: CleaningWorkshop) -> Submission:
     """The same within the 28 seconds that a recording may take to begin: for a tenth of the price."""
     take = waits(shop.take)
@@ -145,7 +145,7 @@ def pushed_away_right_after_the_assignment(shop: CleaningWorkshop) -> Submission
     return shop.submitted(moved, **assigned(take, 28.0))
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "since when", role="executor", doubts="nobody")
 def pushed_away_before_the_first_statement(shop: CleaningWorkshop) -> Submission:
     """The item is pushed away in the first twelve seconds, and the statements of that time are left out."""
     take = waits(shop.take)
@@ -158,7 +158,7 @@ def pushed_away_before_the_first_statement(shop: CleaningWorkshop) -> Submission
     return shop.submitted(moved, witnesses=Witnesses(edit=edit))
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "since when", role="executor", doubts="nobody")
 def pushed_away_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
     """The task's place was wrong by chance, and one statement of the motion capture is missing."""
     take = waits(shop.take)
@@ -187,19 +187,19 @@ def _lies_elsewhere(
     )
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "since when", role="executor", doubts="nobody")
 def pushed_away_before_it_bids(shop: CleaningWorkshop) -> Submission:
     """The robot pushes the item of an open task, and has it assigned half a minute later."""
     return _lies_elsewhere(shop, 40, 120.0, 3.0)
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "since when", role="executor", doubts="nobody")
 def pushed_away_within_the_slack_of_clocks(shop: CleaningWorkshop) -> Submission:
     """The item is pushed right after the assignment, and comes to rest before the recording begins."""
     return _lies_elsewhere(shop, 1, 120.0, 4.0)
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "since when", role="executor", doubts="nobody")
 def nothing_found_in_a_recording_that_nobody_heard(shop: CleaningWorkshop) -> Submission:
     """The item lay elsewhere for long, but motion capture lists no seal of the recording."""
     return _lies_elsewhere(shop, 600, 120.0, 3.0, hears=lambda _: False)
@@ -221,7 +221,7 @@ def nothing_found_in_one_of_two_recordings(shop: CleaningWorkshop) -> Submission
 # -- by whom, and before or after what is seen -----------------------------------------------------------
 
 
-@HARNESS.forgery("not_given_up", "before the recording", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "before the recording", role="executor", doubts="nobody")
 def pushed_before_the_recording_and_not_grasped(shop: CleaningWorkshop) -> Submission:
     """The robot pushes the item, begins its recording 28 seconds after the assignment, and cannot grasp."""
     take = waits(shop.take)
@@ -229,7 +229,7 @@ def pushed_before_the_recording_and_not_grasped(shop: CleaningWorkshop) -> Submi
     return shop.submitted(moved, **assigned(take, 28.0))
 
 
-@HARNESS.forgery("not_given_up", "before the recording", role="executor", ruling="void", doubts="nobody")
+@HARNESS.forgery("not_given_up", "before the recording", role="executor", doubts="nobody")
 def kicked_just_before_the_recording(shop: CleaningWorkshop) -> Submission:
     """The same by four centimetres, three seconds after the assignment."""
     take = waits(shop.take)
@@ -285,13 +285,13 @@ def _without_a_key(
     return shop.submitted(take or shop.take, devices=registered("robot", **revoked))
 
 
-@HARNESS.forgery("signer", "superseded while it recorded", role="executor", ruling="given_up")
+@HARNESS.forgery("signer", "superseded while it recorded", role="executor", given_up=True)
 def its_own_key_superseded(shop: CleaningWorkshop) -> Submission:
     """The executor gives its robot another key in the middle of the work, so that people decide."""
     return _without_a_key(shop, "superseded", 0.5)
 
 
-@HARNESS.forgery("signer", "revoked as compromised", role="executor", ruling="given_up")
+@HARNESS.forgery("signer", "revoked as compromised", role="executor", given_up=True)
 def its_own_key_reported_stolen(shop: CleaningWorkshop) -> Submission:
     """It says in the middle of the work that its robot's key was stolen."""
     return _without_a_key(shop, "compromised", 0.5)
@@ -342,7 +342,7 @@ def a_full_bin_is_shown_what_a_person_brings(shop: CleaningWorkshop) -> Submissi
     return shop.submitted(_full(beside))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("not_given_up", "is full", role="executor", doubts="the bin itrash")
 def filled_before_it_is_brought(shop: CleaningWorkshop) -> Submission:
     """The executor has the compartment filled, and carries the item to it: delivery is the work."""
     return shop.submitted(_full(shop.take))
@@ -374,7 +374,7 @@ def a_bin_that_is_long_full_is_shown_anything(shop: CleaningWorkshop) -> Submiss
     return _long_assigned(shop, _long_full(_full(resting(shop.take, ITEM_POSE, 0))))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("not_given_up", "is full", role="executor", doubts="the bin itrash")
 def a_bin_that_is_long_full_is_shown_another_class(shop: CleaningWorkshop) -> Submission:
     """The robot brings the item, and a person holds something of a full class into the picture."""
     others = {"item_class": "trash", "compartment": "grey"}
@@ -382,7 +382,7 @@ def a_bin_that_is_long_full_is_shown_another_class(shop: CleaningWorkshop) -> Su
     return _long_assigned(shop, _long_full(take))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("not_given_up", "is full", role="executor", doubts="the bin itrash")
 def emptied_and_filled_again(shop: CleaningWorkshop) -> Submission:
     """A bin that was full is emptied, and filled by an accomplice. What it said of that is left out."""
 
@@ -392,13 +392,13 @@ def emptied_and_filled_again(shop: CleaningWorkshop) -> Submission:
     return _long_assigned(shop, _long_full(_full(shop.take), "bin/removal"), edit=edit)
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("not_given_up", "is full", role="executor", doubts="the bin itrash")
 def emptied_and_filled_again_openly(shop: CleaningWorkshop) -> Submission:
     """The same, and the statement is in the recording."""
     return _long_assigned(shop, _long_full(_full(shop.take), "bin/removal"))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("not_given_up", "is full", role="executor", doubts="the bin itrash")
 def a_full_bin_for_the_price(shop: CleaningWorkshop) -> Submission:
     """The same, and the robot drops the item all the same after it has given up."""
     full = told(shop.take, "bin/classification", full=True)
@@ -485,7 +485,7 @@ def dropped_beside_a_bin_that_says_nothing(shop: CleaningWorkshop) -> Submission
     return shop.submitted(take.without("bin/drop"))
 
 
-@HARNESS.forgery("order", role="executor", ruling="void", doubts="the site's motion capture")
+@HARNESS.forgery("order", role="executor", doubts="the site's motion capture")
 def carried_by_a_person_while_the_plug_is_pulled(shop: CleaningWorkshop) -> Submission:
     """An accomplice pulls the plug and carries the item. On chain nobody can tell that from an accident."""
     return _off(shop, shop.take, 0.45, 6.0)

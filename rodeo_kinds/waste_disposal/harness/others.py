@@ -62,13 +62,13 @@ def a_pin_that_is_off(shop: CleaningWorkshop) -> Submission:
     return _place(shop, x_m=float(PLACE["x_m"]) + 0.3)
 
 
-@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("cleaning_topics", role="creator", doubts="the task's creator")
 def a_place_that_is_no_number(shop: CleaningWorkshop) -> Submission:
     """The coordinates of the place are NaN."""
     return _place(shop, x_m=nan)
 
 
-@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("cleaning_topics", role="creator", doubts="the task's creator")
 def a_place_in_words(shop: CleaningWorkshop) -> Submission:
     """The coordinates of the place are text."""
     return _place(shop, x_m="over there")
@@ -80,7 +80,7 @@ def an_item_that_is_not_there(shop: CleaningWorkshop) -> Submission:
     return _place(shop, item_id="item99")
 
 
-@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("cleaning_topics", role="creator", doubts="the task's creator")
 def no_item_at_all(shop: CleaningWorkshop) -> Submission:
     """A task whose item is no text, so that any item would do."""
     return _place(shop, item_id=None)
@@ -124,9 +124,7 @@ def _letter(shop: CleaningWorkshop, photo: bytes) -> Submission:
     return Submission(chain_record.model_copy(update={"task": task}), path)
 
 
-@HARNESS.forgery(
-    "judged_by_people", role="creator", ruling="void", doubts="none: the oracle has no checks for this work"
-)
+@HARNESS.forgery("judged_by_people", role="creator", doubts="none: the oracle has no checks for this work")
 def a_friends_letter(shop: CleaningWorkshop) -> Submission:
     """A kind of work without checks, done by a friend who submits a photo of anything."""
     return _letter(shop, _PHOTO)
@@ -172,13 +170,13 @@ def a_drop_by_a_stranger(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, witnesses=Witnesses(bin=STRANGER))
 
 
-@HARNESS.forgery("bin_witnessed", "open bus", role="bystander", ruling="void", doubts="the site")
+@HARNESS.forgery("bin_witnessed", "open bus", role="bystander", doubts="the site")
 def a_drop_by_message(shop: CleaningWorkshop) -> Submission:
     """Invented presence, load and picture on an open bus: the bin signs them correctly."""
     return shop.submitted(shop.take, witnesses=Witnesses(bin_inputs="open_bus"))
 
 
-@HARNESS.forgery("witnessed", "open bus", role="bystander", ruling="void", doubts="the site")
+@HARNESS.forgery("witnessed", "open bus", role="bystander", doubts="the site")
 def motion_by_message(shop: CleaningWorkshop) -> Submission:
     """The same with the poses that motion capture signs."""
     return shop.submitted(shop.take, witnesses=Witnesses(mocap_inputs="open_bus"))
@@ -264,7 +262,7 @@ def a_judge_that_seals(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, device=JUDGE)
 
 
-@HARNESS.forgery("dropped", role="judge", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("dropped", role="judge", doubts="the bin itrash")
 def a_verdict_in_the_recording(shop: CleaningWorkshop) -> Submission:
     """The recording has no drop, but an accepting verdict of this task among its events."""
     verdict = noted(shop.take, event="Ruled", task_id=BINDING.task_id, ruling="accepted")
@@ -279,11 +277,7 @@ def a_rejection_in_the_recording(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.forgery(
-    "witnessed",
-    "two different statements",
-    role="holder of two keys",
-    ruling="void",
-    doubts="the site's motion capture",
+    "witnessed", "two different statements", role="holder of two keys", doubts="the site's motion capture"
 )
 def motion_of_two_minds(shop: CleaningWorkshop) -> Submission:
     """One owner has robot and motion capture: one number is signed twice, with and without the item."""
@@ -291,11 +285,7 @@ def motion_of_two_minds(shop: CleaningWorkshop) -> Submission:
 
 
 @HARNESS.forgery(
-    "bin_witnessed",
-    "two different statements",
-    role="holder of two keys",
-    ruling="void",
-    doubts="the bin itrash",
+    "bin_witnessed", "two different statements", role="holder of two keys", doubts="the bin itrash"
 )
 def a_drop_of_two_minds(shop: CleaningWorkshop) -> Submission:
     """One owner has robot and bin: one number is signed twice, for two robots."""

@@ -255,7 +255,7 @@ def a_thing_that_falls_later(shop: CleaningWorkshop) -> Submission:
     return _submitted(shop, _ordered([*take.without("bin/drop").samples, thrown]))
 
 
-@HARNESS.forgery("dropped", role="executor", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("dropped", role="executor", doubts="the bin itrash")
 def a_find_that_never_fell(shop: CleaningWorkshop) -> Submission:
     """The bin felt nothing."""
     return _submitted(shop, _found(shop).without("bin/drop"))
@@ -267,7 +267,7 @@ def a_feather_instead(shop: CleaningWorkshop) -> Submission:
     return _submitted(shop, _weighing(_found(shop), 0.3))
 
 
-@HARNESS.forgery("weight", role="executor", ruling="void", doubts="whoever dropped it")
+@HARNESS.forgery("weight", role="executor", doubts="whoever dropped it")
 def a_find_and_a_stone(shop: CleaningWorkshop) -> Submission:
     """What falls in weighs twice as much: something fell in with it, and nobody saw what."""
     return _submitted(shop, _weighing(_found(shop), 2.0))
@@ -311,9 +311,7 @@ def a_recording_that_ends_with_the_drop(shop: CleaningWorkshop) -> Submission:
     return _submitted(shop, Take([one for one in take.samples if one.time_ns <= until_ns]))
 
 
-@HARNESS.forgery(
-    "not_given_up", "nobody signed what lay there", role="executor", ruling="given_up", doubts=None
-)
+@HARNESS.forgery("not_given_up", "nobody signed what lay there", role="executor", given_up=True)
 def nothing_lies_at_the_place(shop: CleaningWorkshop) -> Submission:
     """The robot comes to look, and says that nothing is there, for a tenth of the price."""
     return _submitted(shop, _gives_up(_found(shop), 0.15))
@@ -328,7 +326,7 @@ def nothing_lies_at_a_place_far_away(shop: CleaningWorkshop) -> Submission:
 # -- others ----------------------------------------------------------------------------------------------
 
 
-@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
+@HARNESS.forgery("cleaning_topics", role="creator", doubts="the task's creator")
 def a_place_without_an_item_that_is_no_number(shop: CleaningWorkshop) -> Submission:
     """A task by place, whose coordinates are NaN."""
     return _submitted(shop, _found(shop), params={"x_m": math.nan, "y_m": 1.0})

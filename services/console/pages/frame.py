@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ParamSpec, TypeVar
 
+from fastapi import Depends
 from nicegui import background_tasks, context, run, ui
 from pydantic import BaseModel
 
@@ -144,11 +145,16 @@ def page(console: Console, title: str, path: str, *, heading: bool = True) -> It
     ui.skip_link(target=main)
 
 
+def at(console: Console, path: str) -> ui.page:
+    """Decorator of what draws the page at `path`, once what all pages show is current."""
+    return ui.page(path, dependencies=[Depends(console.live.glance.current)])
+
+
 def register(console: Console, path: str, draw: Callable[[Console], object]) -> None:
     """Have `draw` fill the page of the menu at this path."""
     place = next(one for one in PLACES if one.path == path)
 
-    @ui.page(path)
+    @at(console, path)
     def show() -> None:
         with page(console, place.title, path, heading=place.heading):
             draw(console)

@@ -28,7 +28,7 @@ _NAMED = re.compile(r"(\d{1,9})(?:\.(\d{1,3}))?")
 
 
 def register(console: Console) -> None:
-    @ui.page("/replay")
+    @frame.at(console, "/replay")
     def replay(left: str = "", right: str = "") -> None:
         with frame.page(console, "Replay", "/replay"):
             wanted = {"left": left, "right": right}

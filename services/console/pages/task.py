@@ -57,7 +57,7 @@ _TOKEN_EVENTS = ("Transfer", "Approval")
 
 
 def register(console: Console) -> None:
-    @ui.page("/tasks/{task_id}")
+    @frame.at(console, "/tasks/{task_id}")
     def task_page(task_id: int) -> None:
         with frame.page(console, f"Task {task_id}", "/tasks", heading=False):
             TaskPage(console, task_id)

@@ -41,13 +41,13 @@ _ANY_SERVICE = "any service"
 
 
 def register(console: Console) -> None:
-    @ui.page("/tasks")
+    @frame.at(console, "/tasks")
     def tasks(page: int = 1, state: str = _ANY, kind_: str = _ANY, text: str = "") -> None:
         with frame.page(console, "Tasks", "/tasks", heading=False):
             page = min(max(1, page), MAX_PAGES)
             _list(console, page, state if state in _STATES else _ANY, kind_, text[:MAX_SEARCH])
 
-    @ui.page("/tasks/new")
+    @frame.at(console, "/tasks/new")
     def new(like: int | None = None, seen: int | None = None) -> None:
         with frame.page(console, "Post a task", "/tasks", heading=False):
             frame.page_head("Post a task", "Its reward goes into escrow until the work is proven.")

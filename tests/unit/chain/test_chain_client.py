@@ -59,6 +59,7 @@ def _found(task_id: int, attempt: int, ruling: Ruling, amount: int = 0, reason: 
     return Finding(task_id, attempt, PROOF, REPORT, bytes(32), ruling, Fault.NOBODY, amount, reason)
 
 
+@pytest.mark.long
 def test_a_task_from_registration_to_payment(organization: Organization, service_id: int) -> None:
     client, robot = organization.client, organization.robot.address
     before = {name: client.token.balance(name) for name in (robot, client.organization)}

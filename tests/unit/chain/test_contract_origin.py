@@ -15,9 +15,12 @@ from rodeo.chain import artifacts
 ROOT = Path(__file__).parents[3]
 ORIGIN = "rodeo/chain/artifacts/origin.json"
 
-pytestmark = pytest.mark.skipif(
-    not (ROOT / "node_modules").exists(), reason="Foundry is missing: make system, make setup"
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (ROOT / "node_modules").exists(), reason="Foundry is missing: make system, make setup"
+    ),
+]
 
 
 @pytest.fixture

@@ -31,6 +31,8 @@ from rodeo.site.sections import AppealConfig, DisputesConfig, GovernanceConfig, 
 from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
 from tests.support.views import view
 
+pytestmark = pytest.mark.long
+
 CONTRACTS = (*artifacts.CONTRACTS, "DisputeJudge", *artifacts.GOVERNANCE, artifacts.REGISTRY)
 
 
@@ -264,7 +266,6 @@ def test_rulings_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> Non
         assert client.judges.numbered(number) == disputes  # of tasks that were posted before
 
 
-@pytest.mark.long
 def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
         names = ("alice", "bob", "carl", "dora")
@@ -310,7 +311,6 @@ def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
         assert client.w3.eth.block_number == block
 
 
-@pytest.mark.long
 def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
         alice = ParticipantConfig(name="alice")
@@ -334,7 +334,6 @@ def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_
         assert client.judges.instances(kind)[0].judge_stake == client.judges.stake(0)
 
 
-@pytest.mark.long
 def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -493,7 +492,6 @@ def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
         assert Organization(site).client.rules.is_kind_allowed(site.kinds[0].name)
 
 
-@pytest.mark.long
 def test_from_the_input_for_explorers_the_compiler_makes_what_is_deployed(tmp_path: Path) -> None:
     root = Path(__file__).parents[3]
     subprocess.run(["node", "contracts/build.mjs", "--standard-json", tmp_path], cwd=root, check=True)

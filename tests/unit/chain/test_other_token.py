@@ -21,6 +21,8 @@ from rodeo.site.sections import BudgetConfig, GovernanceConfig, TermsConfig, Tok
 from tests.support.organization import Organization, running_chain
 from tests.support.plain_token import create, init_code
 
+pytestmark = pytest.mark.long
+
 NO_DECIMALS = bytes.fromhex("6001600c60003960016000f300")
 """Makes a contract that stops, whatever it is asked."""
 ALL_REVERTS = bytes.fromhex("6005600c60003960056000f360006000fd")

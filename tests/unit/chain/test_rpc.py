@@ -180,6 +180,28 @@ def test_an_error_does_not_quote_the_keys_of_the_url(node: BadNode) -> None:
     assert node.headers[0]["authorization"].startswith("Basic ")
 
 
+@pytest.mark.parametrize(
+    ("method", "asked"),
+    [("eth_chainId", 2), ("eth_sendRawTransaction", 1), ("eth_sendTransaction", 1), ("evm_mine", 1)],
+)
+def test_where_an_idle_connection_ends_what_only_reads_is_asked_once_more(
+    method: str, asked: int, node: BadNode
+) -> None:
+    ends = [True]
+    node.answer = lambda _payload, good: None if ends and ends.pop() else json_reply(good)
+    door = Rpc(node.url)
+    if asked == 1:
+        with pytest.raises(ChainUnavailable, match="does not answer"):
+            door.batch([(method, ["0x00"])])
+    else:
+        door.batch([(method, ["0x00"])])
+    assert len(node.asked) == asked
+    node.answer = lambda _payload, _good: None
+    with pytest.raises(ChainUnavailable, match="does not answer"):
+        door.batch([(method, ["0x00"])])
+    assert len(node.asked) == 2 * asked
+
+
 def test_a_body_without_end_is_not_read(node: BadNode, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rpc, "MAX_ANSWER_BYTES", 1_000)
     node.answer = lambda _payload, _good: Reply(b" " * 100_000)

@@ -23,6 +23,8 @@ from rodeo_testing.assignments import MOCAP, ROBOT, chain_record
 from rodeo_testing.recordings import Sample, Take, shifted_by
 from tests.unit.conftest import Judge, failed
 
+pytestmark = pytest.mark.long
+
 
 def flooded(take: Take, count: int, topic: str, message: dict[str, Any]) -> Take:
     """With a message on a JSON channel so many times at its beginning."""

@@ -23,6 +23,8 @@ from rodeo_testing.recordings import Take, Witnesses, seal
 from services.oracle.chain_view import as_of
 from tests.unit.conftest import Judge, finding
 
+pytestmark = pytest.mark.long
+
 STRANGER = Account.create()
 
 

@@ -22,6 +22,8 @@ from rodeo_testing.recordings import Sample, Sides, Take, Witnesses
 from rodeo_testing.workshop import resting, told
 from tests.unit.conftest import Judge, failed
 
+pytestmark = pytest.mark.long
+
 NEXT = Account.create()
 """The key that takes over."""
 Edit = Callable[[Attestation], Attestation | None]

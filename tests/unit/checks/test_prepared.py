@@ -17,6 +17,8 @@ from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, open_sealed, seal
 from tests.support.engines import computed_once
 
+pytestmark = pytest.mark.long
+
 
 def content(proof: Proof) -> dict[str, Any]:
     """All but what only a file has."""

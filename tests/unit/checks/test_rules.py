@@ -195,6 +195,7 @@ BEHIND = {
 """What is imported behind `UNDECIDING` alone, and why it decides nothing."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "more"),
     [

@@ -89,6 +89,7 @@ FORGERIES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("forgery", FORGERIES)
 @pytest.mark.parametrize("behind", [False, True])
 def test_statements_in_a_devices_name_drop_none_of_its_own(forgery: str, behind: bool) -> None:

@@ -6,24 +6,33 @@ import json
 import shutil
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from itertools import islice
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
 import pytest
+from sqlalchemy.exc import OperationalError
 from typer.testing import CliRunner
 
 from rodeo.chain.deployment import Deployment
+from rodeo.errors import RequestError
+from rodeo.evidence.errors import StoreUnavailable
 from rodeo.site.config import Site
+from rodeo.site.sections import OracleConfig
 from rodeo_cli.audit import examine
 from rodeo_cli.auditing.bounds import upper_bound
+from rodeo_cli.auditing.judging import Audit, Verdict
 from rodeo_cli.auditing.page import conclusions, page
+from rodeo_cli.auditing.reading import Attempt
 from rodeo_cli.auditing.summary import Summary
 from rodeo_cli.commands import app
+from services.bridge.errors import IndexUnusable
+from services.bridge.follower import Follower
 from tests.docs.text import ROOT
 from tests.support.organization import CHAIN_ID
 from tests.support.pool import served
@@ -36,6 +45,8 @@ TASKS = 30
 ENDLESS = "file:///proc/kcore"
 """A file of the auditor's machine, which nobody can read to its end."""
 PLANTED = ("file", "rules", "acts")
+RIGHT = 4
+"""Nothing is planted in the first ones: what a machine is too slow for is shown with them."""
 
 
 class Audited(NamedTuple):
@@ -60,7 +71,7 @@ def examined(settled: Settled, folder: Path, **options: int) -> Summary:
 def audited(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Audited]:
     """Thirty paid tasks. The commit decides which three of them are wrong."""
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
-    turns = dict(zip(sorted(Random(commit).sample(range(1, TASKS - 1), 3)), PLANTED, strict=True))
+    turns = dict(zip(sorted(Random(commit).sample(range(RIGHT, TASKS - 1), 3)), PLANTED, strict=True))
     folder, shelf = tmp_path_factory.mktemp("audited"), f"http://127.0.0.1:{(port := free_port())}"
     allowed = Site.load(LAB).store.model_copy(update={"allowed": [shelf]})
     environment = {"RODEO__CLOCK__SOURCE": "wall", "RODEO__STORE__ALLOWED": json.dumps([shelf])}
@@ -131,7 +142,7 @@ def test_the_sums_are_those_on_the_chain(audited: Audited) -> None:
 
 def test_a_second_audit_continues_from_the_answers_of_the_first(audited: Audited) -> None:
     def written() -> dict[str, int]:
-        return {one.name: one.stat().st_mtime_ns for one in (audited.folder / "answers").iterdir()}
+        return {one.name: one.stat().st_mtime_ns for one in (audited.folder / "answers").glob("*.json")}
 
     before = written()
     assert len(before) == TASKS - 1  # a file may be mended
@@ -145,13 +156,68 @@ def test_blocks_bound_what_is_audited(audited: Audited) -> None:
     assert [one.attempt.task_id for one in some.verdicts] == [
         one.attempt.task_id for one in audited.summary.verdicts[4:8]
     ]
+    with pytest.raises(RequestError, match="no blocks in this range"):
+        audited.examine(first=last, last=first)
+    with pytest.raises(RequestError, match="no blocks in this range"):
+        audited.examine(first=audited.summary.block + 1)
+
+
+def test_ctrl_c_says_how_far_it_came(
+    audited: Audited, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    judge = Audit.judge
+
+    def stopped(self: Audit, attempts: Iterable[Attempt]) -> Iterator[Verdict]:
+        yield from islice(judge(self, attempts), 2)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Audit, "judge", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        audited.examine()
+    assert f"judging again: 2 of {TASKS}" in capsys.readouterr().err
+
+
+def test_an_index_that_cannot_be_written_is_named(
+    audited: Audited, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> bool:
+        raise OperationalError("commit", {}, Exception("database or disk is full"))
+
+    monkeypatch.setattr(Follower, "step", full)
+    with pytest.raises(IndexUnusable, match="cannot be written"):
+        examined(audited.settled, tmp_path)
+
+
+def test_a_store_that_is_not_there_is_no_wrong_verdict(audited: Audited) -> None:
+    store = audited.settled.organization.site.data_dir / "store"
+    store.rename(away := store.with_name("away"))
+    try:
+        with pytest.raises(StoreUnavailable, match="folder is not there"):
+            audited.examine()
+    finally:
+        away.rename(store)
 
 
 def test_a_sample_bounds_the_share_of_wrong_verdicts(audited: Audited) -> None:
     some = audited.examine(sample=10)
     assert (len(some.verdicts), some.known) == (10, TASKS)
+    again = audited.examine(sample=10, last=some.block)
+    assert [one.attempt for one in again.verdicts] == [one.attempt for one in some.verdicts]
     assert some.most_wrong == upper_bound(len(some.wrong), 10)
     assert "With 95 % confidence" in " ".join(conclusions(some))
+
+
+def test_a_machine_that_is_too_slow_finds_no_wrong_verdict_and_bounds_nothing(
+    audited: Audited, tmp_path: Path
+) -> None:
+    site = audited.settled.organization.site
+    hasty = site.model_copy(update={"oracle": OracleConfig(time_limit_s=0.01)})
+    deployment = Deployment.load(site.data_dir, CHAIN_ID)
+    last = audited.summary.verdicts[RIGHT - 1].attempt.block
+    some = examine(hasty, deployment, tmp_path, last=last, sample=2)
+    assert [one.unjudged.partition(":")[0] for one in some.failed] == ["verification_ended"] * 2
+    assert not some.wrong
+    assert some.most_wrong == 1.0
 
 
 def test_the_page_loads_nothing_and_names_what_is_wrong(audited: Audited) -> None:

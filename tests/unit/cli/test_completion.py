@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from rodeo_testing.waiting import HANG_S
-from tests.support.sweep import sweep
+
+pytestmark = pytest.mark.long
 
 SITE = """org = "lab"
 [[robots]]
@@ -57,22 +58,19 @@ def completed(words: str, site: Path | None, shell: str = "bash") -> list[str]:
 
 @pytest.mark.parametrize(
     ("words", "offered"),
-    sweep(
-        [
-            ("rodeo robot pause ", ["ada_bot", "bert"]),
-            ("rodeo robot pause b", ["bert"]),
-            ("rodeo task create ", ["sweeping"]),
-            ("rodeo task create sweeping --item-id ", ["can7"]),
-            ("rodeo task create sweeping --bin ", ["itrash"]),
-            ("rodeo task create sweeping --as ", ["organization", "ada_bot", "bert", "alice"]),
-            ("rodeo task submit 3 --as a", ["ada_bot", "alice"]),
-            ("rodeo service pause 1 --as al", ["alice"]),
-            ("rodeo proof ex", ["export"]),
-            ("rodeo in", ["init"]),
-            ("rodeo task create sweeping --item", ["--item-id"]),
-        ],
-        5,
-    ),
+    [
+        ("rodeo robot pause ", ["ada_bot", "bert"]),
+        ("rodeo robot pause b", ["bert"]),
+        ("rodeo task create ", ["sweeping"]),
+        ("rodeo task create sweeping --item-id ", ["can7"]),
+        ("rodeo task create sweeping --bin ", ["itrash"]),
+        ("rodeo task create sweeping --as ", ["organization", "ada_bot", "bert", "alice"]),
+        ("rodeo task submit 3 --as a", ["ada_bot", "alice"]),
+        ("rodeo service pause 1 --as al", ["alice"]),
+        ("rodeo proof ex", ["export"]),
+        ("rodeo in", ["init"]),
+        ("rodeo task create sweeping --item", ["--item-id"]),
+    ],
 )
 def test_bash_is_offered_names_of_the_site_and_commands(words: str, offered: list[str], site: Path) -> None:
     assert completed(words, site) == offered

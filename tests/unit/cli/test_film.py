@@ -18,6 +18,8 @@ from rodeo_cli.film import Film, write
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, seal
 
+pytestmark = pytest.mark.long
+
 SIZE_PX = (160, 90)
 
 

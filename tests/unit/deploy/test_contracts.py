@@ -32,6 +32,7 @@ def test_a_keystore_that_cannot_be_read_is_passed_over(
     assert _told(site, "panther1") is None
 
 
+@pytest.mark.long
 def test_a_judge_that_was_named_on_chain_stays_unless_it_is_a_machine_for_people(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

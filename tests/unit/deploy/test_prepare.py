@@ -34,6 +34,8 @@ from rodeo_testing.waiting import HANG_S
 from tests.support.organization import CHAIN_ID, running_chain
 from tests.support.site import write_site
 
+pytestmark = pytest.mark.long
+
 ELSEWHERE = "clock.speed = 1\nclock.idle_speed = 1"
 CHEAP = 2
 """Work factor of keystores that are only there; for a node elsewhere each takes a second to make."""
@@ -94,7 +96,6 @@ def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(
     assert said[0].startswith("keystores: all present in ")
 
 
-@pytest.mark.long
 def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) -> None:
     with elsewhere.open("a") as file:
         file.write('\n[[participants]]\nname = "alice"\n')
@@ -150,7 +151,6 @@ def test_an_organization_of_another_release_is_replaced_only_where_its_record_wa
     assert not set(new.contracts.values()) & set(before.contracts.values())
 
 
-@pytest.mark.long
 def test_it_waits_for_the_money_where_that_is_wanted(
     elsewhere: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

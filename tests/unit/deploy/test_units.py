@@ -116,6 +116,7 @@ def test_a_dock_may_use_its_serial_line_and_nobody_any_other_device(real: Path) 
     assert settings(unit(found, "bridge"), "PrivateDevices") == ["yes"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("process", ["router", "charger"])
 def test_a_wrong_site_file_ends_a_process_with_the_status_that_prevents_a_restart(
     process: str, tmp_path: Path

@@ -19,6 +19,7 @@ _VALUES = st.recursive(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(st.dictionaries(st.text(max_size=4), _VALUES, max_size=5))
 @example({"soc": 42.0, "zero": -0.0, "small": 1e-5, "large": 1e16, "v": [0.0001, 5e-324]})

@@ -280,6 +280,7 @@ def test_a_cut_file_keeps_every_complete_chunk(
     assert len(kept) >= (min(share, 0.8) - 0.1) * 1000  # the index at the end is not messages
 
 
+@pytest.mark.long
 def test_a_killed_process_loses_at_most_one_seal_period(
     tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
 ) -> None:

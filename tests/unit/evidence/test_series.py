@@ -48,6 +48,7 @@ def test_one_message_of_ten_thousand_is_walked_over(walks: list[bytes]) -> None:
     assert len(walks) == 1
 
 
+@pytest.mark.long
 def test_joints_in_four_layouts_are_walked_over_four_times_however_often_they_are_asked_for(
     walks: list[bytes],
 ) -> None:

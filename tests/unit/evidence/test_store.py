@@ -7,7 +7,13 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, ProofUriNotAllowed
+from rodeo.evidence.errors import (
+    ProofHashMismatch,
+    ProofNotFound,
+    ProofTooLarge,
+    ProofUriNotAllowed,
+    StoreUnavailable,
+)
 from rodeo.evidence.store import Store
 from rodeo.site.config import Site
 from tests.support.site import LAB
@@ -69,6 +75,12 @@ def test_a_missing_file_is_not_found(store: Store, proof: Path, tmp_path: Path) 
     uri = store.put(proof).replace(HASH[2:], "ab" * 32)
     with pytest.raises(ProofNotFound):
         store.fetch(uri, HASH, folder=tmp_path / "fetched")
+
+
+def test_a_folder_that_is_not_there_is_no_store(store: Store, proof: Path, tmp_path: Path) -> None:
+    store.require_folder(store.put(proof))
+    with pytest.raises(StoreUnavailable, match="folder is not there"):
+        store.require_folder(f"file://{tmp_path}/not-mounted/{HASH[2:]}.mcap")
 
 
 def test_a_large_file_is_neither_put_nor_fetched(tmp_path: Path, proof: Path) -> None:

@@ -24,6 +24,8 @@ from rodeo.interfaces.package import interfaces, register
 from rodeo.ros2 import definitions, types
 from rodeo.ros2.definitions import ARRAY, BASE, NAME, SEQUENCE, definition
 
+pytestmark = pytest.mark.long
+
 # Hashes that rosidl generated for ROS 2 Jazzy (tests/unit/ros2/test_types.py has their sources). The events
 # of services hold bounded sequences, as all that may be unset is.
 PUBLISHED = {

@@ -6,12 +6,18 @@ import hashlib
 import multiprocessing
 import os
 import shutil
+import signal
 import socket
+import stat
 import subprocess
 import sys
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
@@ -25,7 +31,14 @@ from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotA
 from rodeo.evidence.recorder import SealedProof
 from rodeo.evidence.store import Store
 from rodeo.jobs import apart
-from rodeo.jobs.apart import ATTEMPTS, MEMORY_BYTES, VerificationFailed, VerifierEnded, verify_apart
+from rodeo.jobs.apart import (
+    ATTEMPTS,
+    MEMORY_BYTES,
+    Children,
+    VerificationFailed,
+    VerifierEnded,
+    verify_apart,
+)
 from rodeo.site.config import Site
 from rodeo.site.sections import OracleConfig
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
@@ -36,6 +49,8 @@ from rodeo_testing.waiting import HANG_S
 from services.oracle.process import SIDE_BY_SIDE
 from tests.support.site import LAB
 
+pytestmark = pytest.mark.long
+
 MIB = 1 << 20
 ROOT = Path(rodeo.__file__).parents[1]
 
@@ -43,6 +58,10 @@ ROOT = Path(rodeo.__file__).parents[1]
 @pytest.fixture(scope="module")
 def sealed(cleaning: Take, tmp_path_factory: pytest.TempPathFactory) -> SealedProof:
     return seal(cleaning, tmp_path_factory.mktemp("sealed") / "proof.mcap", BINDING, ROBOT)
+
+
+def stored_in(site: Site, folder: Path) -> Site:
+    return site.model_copy(update={"data_dir": folder / "data"})
 
 
 def submitted(
@@ -53,17 +72,18 @@ def submitted(
     *,
     limits: OracleConfig | None = None,
     memory_bytes: int = MEMORY_BYTES,
+    children: Children | None = None,
     **task: object,
 ) -> Report:
     """The report on `take`, sealed as `proof`, after it went through the store."""
-    at = site.model_copy(update={"data_dir": tmp_path / "data"})
+    at = stored_in(site, tmp_path)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
     chain = cleaning_chain_record(take, **fields)
     work = partial(verify_apart, at, chain, tmp_path / "work", threading.Event(), limits=limits)
     report, failed = None, 0
     while report is None:
         try:
-            report = work(memory_bytes=memory_bytes, failed=failed)
+            report = work(memory_bytes=memory_bytes, failed=failed, children=children)
         except VerificationFailed as error:
             failed += 1
             assert failed < ATTEMPTS and error.details["task_id"] == chain.task.id
@@ -151,7 +171,6 @@ def test_a_verification_that_hangs_is_given_up(
     assert "hung for 0.05 s" in caplog.text
 
 
-@pytest.mark.long
 def test_a_verification_that_uses_up_its_cpu_time_is_given_up(
     site: Site, cleaning: Take, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -204,7 +223,7 @@ def test_a_verification_without_memory_is_given_up(
     assert "crashed with exit status" in caplog.text
 
 
-def claim_and_crash(what: apart.What, folder: Path) -> None:
+def claim_and_crash(site: Site, what: apart.What, folder: Path) -> None:
     """What a child does whose proof claims something and then breaks what checks it."""
 
     def breaks(_case: Case) -> Finding:
@@ -213,7 +232,7 @@ def claim_and_crash(what: apart.What, folder: Path) -> None:
     def broken(checks: Checks) -> Checks:
         return replace(checks, stages=((breaks,),))
 
-    apart.verify_claiming(what, folder, checks_of=broken)
+    apart.verify_claiming(site, what, folder, checks_of=broken)
 
 
 def test_what_a_proof_claims_is_listed_although_its_verification_crashed(
@@ -230,6 +249,105 @@ def test_what_a_proof_claims_is_listed_although_its_verification_crashed(
     assert "ended without a report" in ended_by_the_proof(report)
     assert report.acts == honest.acts
     assert any("/drop/" in act for act in report.acts)
+
+
+@pytest.fixture
+def children(site: Site, tmp_path: Path) -> Iterator[Children]:
+    children = Children(stored_in(site, tmp_path))
+    yield children
+    children.end()
+
+
+def verifying() -> set[BaseProcess]:
+    """Children that wait for a proof, those of other tests included."""
+    return {child for child in multiprocessing.active_children() if child.name == "verification"}
+
+
+def test_a_child_of_several_verifies_the_next_proof_until_it_meets_one_that_it_does_not_accept(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path, children: Children
+) -> None:
+    others = verifying()
+    assert submitted(site, cleaning, sealed, tmp_path, children=children).accepted
+    first = verifying() - others
+    assert len(first) == 1
+    assert submitted(site, cleaning, sealed, tmp_path, children=children).accepted
+    assert verifying() - others == first
+    of_another = submitted(site, cleaning, sealed, tmp_path, children=children, id=BINDING.task_id + 1)
+    assert of_another.outcome == "rejected"
+    assert not verifying() - others
+    assert [one.exitcode for one in first] == [0]  # it was asked nothing more, which is no error
+    assert submitted(site, cleaning, sealed, tmp_path, children=children).accepted
+    assert len(verifying() - others - first) == 1
+
+
+def test_a_child_that_was_killed_while_it_waited_costs_the_next_proof_nothing(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path, children: Children
+) -> None:
+    others = verifying()
+    assert submitted(site, cleaning, sealed, tmp_path, children=children).accepted
+    (killed,) = verifying() - others
+    killed.kill()
+    killed.join()
+    assert submitted(site, cleaning, sealed, tmp_path, children=children).accepted
+
+
+def say_half(_site: Site, what: apart.What, folder: Path) -> None:
+    """As a proof that has taken its child over: it leaves a report, and begins a message."""
+    assert what.copy is not None
+    shutil.copy(what.copy, folder / "report.json")
+    for number in map(int, os.listdir("/proc/self/fd")):
+        with suppress(OSError):  # that of the listing is closed
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                os.write(number, b"\0")
+    signal.pause()
+
+
+def test_a_child_that_begins_to_say_something_is_not_waited_for(
+    site: Site, cleaning: Take, honest: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "_child", say_half)
+    (tmp_path / "report").write_bytes(honest.to_bytes())
+    others = verifying()
+    children = Children(site)
+    chain, copy = cleaning_chain_record(cleaning), tmp_path / "report"
+    assert verify_apart(site, chain, tmp_path / "work", threading.Event(), copy=copy, children=children)
+    assert not verifying() - others
+
+
+def use_most_of_it(_site: Site, what: apart.What, folder: Path) -> None:
+    """As a verification that uses more than half of its CPU time, and then accepts."""
+    apart.limit(what)
+    until_s = time.process_time() + 0.6 * what.cpu_limit_s
+    while time.process_time() < until_s:
+        pass
+    assert what.copy is not None
+    shutil.copy(what.copy, folder / "report.json")
+
+
+def test_each_proof_of_a_child_has_the_whole_cpu_time(
+    site: Site, cleaning: Take, honest: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "_child", use_most_of_it)
+    (tmp_path / "report").write_bytes(honest.to_bytes())
+    work = partial(verify_apart, site, cleaning_chain_record(cleaning), tmp_path / "work", threading.Event())
+    children, others = Children(site), verifying()
+    for _ in range(2):
+        assert work(limits=OracleConfig(cpu_limit_s=2.0), copy=tmp_path / "report", children=children)
+    assert len(verifying() - others) == 1
+    children.end()
+
+
+def say_nothing(_site: Site, _what: apart.What, _folder: Path) -> None:
+    """As a verification that a proof took over."""
+
+
+def test_a_child_that_says_it_is_done_and_left_no_report_has_failed(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "_child", say_nothing)
+    others = verifying()
+    assert "ended without a report" in ended_by_the_proof(submitted(site, cleaning, sealed, tmp_path))
+    assert not verifying() - others
 
 
 def test_an_oracle_that_stops_gives_no_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:

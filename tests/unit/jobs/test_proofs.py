@@ -11,13 +11,15 @@ from rodeo.checks.report import Report
 from rodeo.evidence.store import Store
 from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers
 from rodeo.jobs.local import Local
-from rodeo.jobs.proofs import Verify, lab_sha256
+from rodeo.jobs.proofs import Asked, Verify, lab_sha256
 from rodeo.jobs.runner import Runner
 from rodeo.site.config import Site
 from rodeo.site.sections import OracleConfig
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, seal
+
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +74,14 @@ def test_a_worker_that_differs_refuses_and_names_what_differs(
         Verify(at, tmp_path).do(Job(job.work, {**job.given, name: other}), threading.Event())
 
 
+def test_a_worker_of_another_version_says_so_where_a_kind_is_not_installed(
+    at: Site, job: Job, tmp_path: Path
+) -> None:
+    lacks = at.model_copy(update={"kinds": [at.kinds[0].model_copy(update={"name": "unknown"})]})
+    with pytest.raises(WorkerDiffers, match="another package"):
+        Verify(lacks, tmp_path).do(Job(job.work, {**job.given, "package": "another"}), threading.Event())
+
+
 def test_a_lab_where_something_stands_elsewhere_is_another_lab(site: Site, tmp_path: Path) -> None:
     moved = site.bins[0].model_copy(
         update={"pose": site.bins[0].pose.model_copy(update={"x_m": site.bins[0].pose.x_m + 0.1})}
@@ -100,6 +110,27 @@ def test_a_file_that_the_store_would_not_give_is_reported_as_not_fetched(
     assert "proof_too_large" in report.reason
 
 
+def test_a_rejection_of_another_file_is_no_answer_and_what_cannot_be_read_has_the_tasks_hash(
+    at: Site, job: Job, answer: bytes, tmp_path: Path
+) -> None:
+    verify, chain = Verify(at, tmp_path), Asked.model_validate(job.given).chain
+    assert chain is not None
+    (tmp_path / "damaged.mcap").write_bytes(b"something else")
+    asked = verify.file(tmp_path / "damaged.mcap", chain)
+    rejected = Report.model_validate_json(answer).model_copy(update={"outcome": "rejected"})
+    verify.check(asked, rejected.to_bytes())
+    with pytest.raises(BadAnswer, match="another proof"):
+        verify.check(asked, rejected.model_copy(update={"proof_sha256": "0x" + "ab" * 32}).to_bytes())
+
+
+def test_a_file_that_is_too_large_is_not_read(at: Site, tmp_path: Path) -> None:
+    with (tmp_path / "large.mcap").open("wb") as file:
+        file.truncate(1 << 40)
+    verify = Verify(at, tmp_path / "work")
+    report = Report.model_validate_json(verify.do(verify.file(tmp_path / "large.mcap"), threading.Event()))
+    assert report.reason.startswith("readable_and_sealed: proof_too_large")
+
+
 def test_a_verification_that_ends_without_a_report_is_given_up_as_the_oracle_does(
     at: Site, job: Job, tmp_path: Path
 ) -> None:
@@ -108,7 +139,7 @@ def test_a_verification_that_ends_without_a_report_is_given_up_as_the_oracle_doe
         (done,) = runner.run([job])
     assert done.answer is not None
     assert Report.model_validate_json(done.answer).outcome == "given_up"
-    assert not list((tmp_path / "kept").iterdir())
+    assert not list((tmp_path / "kept").glob("*.json"))
 
 
 def test_a_file_of_no_chain_that_hangs_the_checks_has_no_answer(at: Site, job: Job, tmp_path: Path) -> None:

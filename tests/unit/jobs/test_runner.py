@@ -9,8 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.errors import Interrupted
-from rodeo.jobs.job import MOST_BYTES, BadAnswer, Engine, Job, JobError, JobFailed, WorkerDiffers, WorkerLost
+from rodeo.errors import FolderTaken, Interrupted, InvalidRequest
+from rodeo.jobs.job import (
+    MOST_BYTES,
+    BadAnswer,
+    Engine,
+    EngineGone,
+    Job,
+    JobError,
+    JobFailed,
+    WorkerDiffers,
+    WorkerLost,
+)
 from rodeo.jobs.local import Local
 from rodeo.jobs.runner import TRIES, Runner
 from rodeo_testing.waiting import HANG_S
@@ -37,6 +47,9 @@ class Doubling:
 
     def doubt(self, _answer: bytes) -> str:
         return ""
+
+    def close(self) -> None:
+        """Nothing waits."""
 
 
 @dataclass
@@ -112,16 +125,51 @@ def test_a_job_that_one_worker_fails_at_is_given_to_the_next(tmp_path: Path) -> 
     assert (done.answer, done.by, work.done) == (b"8", "elsewhere", [])
 
 
-def test_a_worker_that_differs_is_named_once_and_not_for_each_job(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("kind", [WorkerDiffers, EngineGone])
+def test_what_fails_for_every_job_is_named_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: type[JobError]
 ) -> None:
-    def differs(_: Job) -> bytes:
-        raise WorkerDiffers("this worker has another package", here="0.0.9")
+    def fails(_: Job) -> bytes:
+        raise kind("another package", here="0.0.9")
 
-    assert doubled(tmp_path, range(5), Doubling(), Elsewhere(differs))[4] == b"8"
+    assert doubled(tmp_path, range(5), Doubling(), Elsewhere(fails))[4] == b"8"
     assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
-        "this worker has another package (here='0.0.9')"
+        "another package (here='0.0.9')"
     ]
+
+
+def test_an_engine_that_is_gone_is_not_asked_again(tmp_path: Path) -> None:
+    asked: list[Job] = []
+
+    def ends(job: Job) -> bytes:
+        asked.append(job)
+        raise EngineGone("no workers any more")
+
+    assert len(doubled(tmp_path, range(5), Doubling(), Elsewhere(ends))) == 5
+    assert 1 <= len(asked) <= 2  # two jobs may be under way
+
+
+def test_two_commands_do_not_do_jobs_in_one_folder(tmp_path: Path) -> None:
+    with (
+        Runner(Local([Doubling()]), folder=tmp_path),
+        pytest.raises(FolderTaken, match="name another folder"),
+    ):
+        doubled(tmp_path, range(1), Doubling())
+    assert doubled(tmp_path, range(1), Doubling()) == {0: b"0"}
+
+
+def test_where_answers_cannot_be_kept_the_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InvalidRequest, match="cannot be kept"):
+        doubled(tmp_path / "file", range(1), Doubling())
+    (tmp_path / f"{Job('double', {'number': 0}).key}.json").mkdir()
+    with pytest.raises(InvalidRequest, match="cannot be kept"):
+        doubled(tmp_path, range(1), Doubling())
+
+
+def test_what_strangers_write_has_a_key() -> None:
+    keys = {Job("double", {"number": number}).key for number in (2**60, 2**60 + 1, 1e300, "\udcff")}
+    assert len(keys) == 4
 
 
 class OfNow(Doubling):
@@ -138,7 +186,7 @@ def test_an_answer_that_another_machine_may_not_give_counts_from_this_one_and_is
         (done,) = runner.run([Job("double", {"number": 4})])
     assert (done.answer, done.by) == (b"8", "local")
     assert [error.details["answer"] for error in done.lost] == TRIES * ["the store lacked it"]
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.glob("*.json")) == []
 
 
 def test_a_job_that_fails_comes_back_with_its_log_and_the_others_continue(tmp_path: Path) -> None:
@@ -169,7 +217,7 @@ def test_ctrl_c_stops_all_jobs(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), Runner(Local([work], 2), folder=tmp_path) as runner:
         list(runner.run(jobs()))  # type: ignore[arg-type]
     assert work.done == [1]
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.glob("*.json")) == []
 
 
 def test_no_more_jobs_are_read_than_there_are_places(tmp_path: Path) -> None:
@@ -184,3 +232,17 @@ def test_no_more_jobs_are_read_than_there_are_places(tmp_path: Path) -> None:
     with Runner(Local([Doubling()], 2), folder=tmp_path) as runner:
         for ended, _ in enumerate(runner.run(jobs()), start=1):  # type: ignore[arg-type]
             assert read <= ended + 2
+
+
+def test_an_engine_whose_workers_join_later_is_given_more(tmp_path: Path) -> None:
+    together = threading.Barrier(3)
+
+    def answers(job: Job) -> bytes:
+        elsewhere.places = 3
+        if job.given["number"]:
+            together.wait(HANG_S)
+        return str(2 * job.given["number"]).encode()
+
+    elsewhere = Elsewhere(answers, places=1)
+    assert len(doubled(tmp_path, range(4), Doubling(), elsewhere)) == 4
+    assert not together.broken

@@ -92,6 +92,7 @@ def test_the_labs_own_items_are_weighed_one_after_another() -> None:
         assert lab.weights_n() == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     "shape", [(ItemClass.PLASTIC, "bottle"), (ItemClass.METAL, "can"), (ItemClass.CARDBOARD, "tube")]

@@ -13,10 +13,11 @@ from rodeo.lab.world import begin, build_world, scale_weight_n
 from rodeo.site.config import Site
 from rodeo_testing.operator import Operator
 from tests.support.site import LAB
-from tests.support.sweep import sweep
+
+pytestmark = pytest.mark.long
 
 GRAVITY = 9.81
-SHAPES_OF_CLASSES = sweep(((one, shape) for one, shapes in SHAPES.items() for shape in shapes), 5)
+SHAPES_OF_CLASSES = [(one, shape) for one, shapes in SHAPES.items() for shape in shapes]
 
 
 def lab_with(item: ItemConfig) -> tuple[Site, Operator]:

@@ -16,7 +16,7 @@ import numpy as np
 from eth_account import Account
 
 from rodeo.bus.queries import SeenThing
-from rodeo.bus.seen import Sighting
+from rodeo.bus.seen import SightReport
 from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.host.clock import WallClock
@@ -313,7 +313,7 @@ class SeenBook:
     def things(self, state: str) -> list[SeenThing]:
         return [one for one in self.kept if one.state in state.split(",")]
 
-    def report(self, seen: Sighting) -> SeenThing:
+    def report(self, seen: SightReport) -> SeenThing:
         now_s = self._clock.now_s()
         for one in self.things("open,posted,dismissed"):
             if math.dist((one.x_m, one.y_m), (seen.x_m, seen.y_m)) < SAME_PLACE_M:

@@ -15,6 +15,7 @@ def problems(count: int) -> list[list[float]]:
     return (10.0**logs).tolist()
 
 
+@pytest.mark.long
 def test_the_limits_are_kept_and_the_speed_is_the_change_of_place() -> None:
     for length, speed, acceleration, jerk in problems(200):
         profile = RestToRest(length, speed, acceleration, jerk)

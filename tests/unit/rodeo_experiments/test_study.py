@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
+import socket
 import threading
+from datetime import date
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
-from rodeo.errors import ConfigError
 from rodeo.jobs.job import BadAnswer, Job, WorkerDiffers
 from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
@@ -19,7 +22,7 @@ from rodeo_experiments.conduct import parameters
 from rodeo_experiments.errors import ExperimentFailed
 from rodeo_experiments.record import Run
 from rodeo_experiments.site import Variation, write_site
-from rodeo_experiments.study import Asked, Runs, record_of, settings
+from rodeo_experiments.study import ASKED, Asked, Runs, begin, record_of, settings
 from rodeo_experiments.study_report import Found, interval, write_study
 from tests.unit.rodeo_experiments.test_results import a_run
 
@@ -61,9 +64,9 @@ def test_each_combination_of_values_is_a_setting() -> None:
     assert settings([]) == [{}]
     assert settings(["a.b=1,2.5", "c=x"]) == [{"a.b": 1, "c": "x"}, {"a.b": 2.5, "c": "x"}]
     assert settings(["limits=[1, 2],[3]"]) == [{"limits": [1, 2]}, {"limits": [3]}]
-    for text in ("a.b", "=1", "a.b="):
+    for texts in (["a.b"], ["=1"], ["a.b="], ["a=1", "a=2"], ["clock.seed=1,2"], ["chain=5"]):
         with pytest.raises(ExperimentFailed):
-            settings([text])
+            settings(texts)
 
 
 def test_the_same_run_has_the_same_key_wherever_it_is_asked_for() -> None:
@@ -81,17 +84,35 @@ def test_a_setting_changes_each_table_of_a_list() -> None:
     assert [one["battery"]["soc"] for one in asked(**{"robots.battery.soc": 0.5}).tables["robots"]] == [0.5]
 
 
-def test_a_setting_that_no_site_has_is_refused() -> None:
-    with pytest.raises(ConfigError):
-        asked(**{"agent.charge_bellow": 0.4})
-    with pytest.raises(ConfigError, match="no such setting"):
-        asked(**{"clock.seed.robot": 1})
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("agent.charge_bellow", 0.4, "agent.charge_bellow: no such key"),
+        ("agent.charge_below", date(2026, 1, 1), "write a number"),
+        ("agent.charge_below", math.nan, "Invalid value"),
+        ("clock.seed.robot", 1, "no such setting"),
+    ],
+)
+def test_a_setting_that_no_site_has_is_refused(name: str, value: Any, words: str) -> None:
+    with pytest.raises(ExperimentFailed) as refused:
+        asked(**{name: value})
+    assert words in str(refused.value)
 
 
 def test_a_worker_with_other_code_refuses_the_run_by_name(tmp_path: Path) -> None:
     other = asked().model_copy(update={"code_sha256": "0" * 64})
     with pytest.raises(WorkerDiffers, match="another code_sha256"):
         Runs(tmp_path).do(other.job, threading.Event())
+
+
+def test_a_run_continues_although_its_chains_port_is_taken(tmp_path: Path) -> None:
+    given = asked()
+    (tmp_path / ASKED).write_text(given.model_dump_json())
+    address = urlsplit(Site.load(begin(tmp_path)[0]).chain.url)
+    with socket.create_server((address.hostname or "", address.port or 0)):
+        again, times_s = begin(tmp_path)
+        assert urlsplit(Site.load(again).chain.url).port != address.port
+    assert times_s == given.times_s
 
 
 def test_a_record_answers_its_own_run_only(tmp_path: Path) -> None:
@@ -121,12 +142,18 @@ def test_the_interval_of_the_median_assumes_no_distribution() -> None:
 
 
 def test_the_report_shows_each_setting_beside_the_paper(tmp_path: Path) -> None:
-    runs = [a_run(seed=seed, wall_s=seed) for seed in range(1, 8)]
-    write_study([Found(name, run, []) for name in ("", "agent.charge_below = 0.4") for run in runs], tmp_path)
+    found = [
+        Found(name, a_run(seed=seed, wall_s=seed, days=days), [])
+        for name, days in (("", 3), ("agent.charge_below = 0.4", 2))
+        for seed in range(1, 8)
+    ]
+    write_study(found, tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert page.count("<svg") == 2
     assert "<h2>agent.charge_below = 0.4</h2>" in page
-    assert "<td>cleaning_settled</td><td>51</td><td>2.000</td><td>2.000 to 2.000</td>" in page
+    assert "14 runs of 2 site days or 3 site days." in page
+    assert page.count("<td>cleaning_settled</td><td>51</td><td>2.000</td><td>2.000 to 2.000</td>") == 1
+    assert page.count("<td>cleaning_settled</td><td></td>") == 1  # 51 are those of three days
     assert "<td>wall_s</td><td></td><td>4.000</td><td>1.000 to 7.000</td><td>1.000 to 7.000</td>" in page
     assert len(json.loads((tmp_path / "study.json").read_text())) == 14
 

@@ -189,6 +189,7 @@ def to_noetic(value: Any, descriptor: Any) -> Any:
     return [to_noetic(one, element) for one in value]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("typename", relayed())
 def test_a_message_is_the_same_after_a_way_through_ros_1(typename: str) -> None:
     register()

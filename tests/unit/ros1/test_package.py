@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import sys
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +15,7 @@ from rodeo.interfaces.generate import stale
 from rodeo.interfaces.package import register
 from rodeo.interfaces.ros1 import text
 from rodeo.ros2 import definitions, wire
+from tests.support.imports import packages_of
 
 FOLDER = Path(__file__).parents[3] / "rodeo_ros1" / "rodeo_ros1"
 SOURCES = [
@@ -28,23 +27,15 @@ NOETIC = {"actionlib", "actionlib_msgs", "diagnostic_msgs", "genpy", "rosgraph",
 """Packages that a robot with Noetic has, and that package.xml asks for."""
 
 
-def imports_of(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text(), feature_version=(3, 8))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module or ""
-
-
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
 def test_python_3_8_reads_it_and_it_imports_nothing_of_ours(path: Path) -> None:
     allowed = {*sys.stdlib_module_names, *NOETIC, "rodeo_ros1", "zenoh", "yaml", "catkin_pkg", "setuptools"}
-    assert {name.split(".")[0] for name in imports_of(path)} <= allowed
+    assert packages_of(path, (3, 8)) <= allowed
 
 
 def test_what_it_imports_is_what_the_package_asks_for() -> None:
     asked = {one.text for one in ElementTree.parse(FOLDER / "package.xml").findall("exec_depend")}
-    imported = {name.split(".")[0] for path in SOURCES for name in imports_of(path)}
+    imported = {name for path in SOURCES for name in packages_of(path)}
     # genpy comes with rospy.
     assert imported & NOETIC <= asked | {"genpy"} and {"python3-yaml", "rodeo_msgs"} <= asked
 

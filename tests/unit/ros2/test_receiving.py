@@ -8,6 +8,7 @@ import sys
 import threading
 from contextlib import ExitStack
 
+import pytest
 import zenoh
 
 from rodeo.bus import receiving
@@ -78,6 +79,7 @@ print("over")
 """
 
 
+@pytest.mark.long
 def test_a_process_whose_receiving_threads_have_ended_ends() -> None:
     done = subprocess.run([sys.executable, "-c", SESSIONS], capture_output=True, text=True, timeout=HANG_S)
     assert (done.returncode, done.stdout) == (0, "over\n"), done.stderr

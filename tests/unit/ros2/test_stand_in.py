@@ -9,7 +9,6 @@ Nobody has recorded them from a real ROS 2 yet.
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import subprocess
@@ -24,8 +23,11 @@ import zenoh
 from rodeo.interfaces.package import register
 from rodeo.ros2 import definitions
 from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.imports import packages_of
 from tests.support.ros_nodes import EXAMPLES, STAND_IN
 from tests.support.site import free_port
+
+pytestmark = pytest.mark.long
 
 NODES = sorted(EXAMPLES.glob("*.py"))
 STANDARD = {"action_msgs", "builtin_interfaces", "control_msgs", "geometry_msgs", "nav2_msgs", "sensor_msgs"}
@@ -45,18 +47,10 @@ def run(code: str, *arguments: str, **environment: str) -> str:
     return done.stdout
 
 
-def imports_of(path: Any) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module or ""
-
-
 @pytest.mark.parametrize("path", NODES, ids=lambda path: path.name)
 def test_an_example_is_short_and_imports_what_a_ros_2_workspace_has(path: Any) -> None:
     allowed = {*sys.stdlib_module_names, *STANDARD, *(one.stem for one in NODES)}
-    assert {name.split(".")[0] for name in imports_of(path)} <= allowed
+    assert packages_of(path) <= allowed
     assert len(path.read_text().splitlines()) <= 150
 
 

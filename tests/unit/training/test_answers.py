@@ -83,6 +83,7 @@ def test_a_changed_network_wants_new_answers(kept: Kept) -> None:
         kept.check(model_sha256(), training.model_copy(update={"others_sha256": "ab" * 32}))
 
 
+@pytest.mark.long
 def test_they_are_made_from_the_networks_and_read_back_as_they_were_written(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,7 @@ def divided(data: Path, out: Path) -> Division:
     return division
 
 
+@pytest.mark.long
 def test_a_network_is_asked_for_its_own_fold_through_the_deployed_path(data: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     divided(data, out)

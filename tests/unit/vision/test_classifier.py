@@ -212,6 +212,7 @@ def test_a_network_of_another_shape_than_its_preprocessing_is_refused(tmp_path: 
     assert refused.value.details["found"] == {"image": [1, 3, 256, 256], "logits": [1, 7]}
 
 
+@pytest.mark.long
 def test_threads_and_forks_get_the_same_answer_to_the_last_bit(classifier: Classifier) -> None:
     pictures = [decode_image(path.read_bytes()) for path in RENDERINGS]
     alone = [classifier.logits(picture).tobytes() for picture in pictures]

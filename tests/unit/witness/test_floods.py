@@ -126,6 +126,7 @@ def test_bad_signatures_on_another_key_cost_no_check(bench: Bench, rate_hz: int)
     assert bench.checks == STATEMENTS + 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate_hz", [150, 2000])
 def test_bad_signatures_on_the_victims_key_use_up_what_strangers_share(bench: Bench, rate_hz: int) -> None:
     """On an open bus: each claims a recording of its own, sealed just now."""

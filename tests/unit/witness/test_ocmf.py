@@ -93,6 +93,7 @@ def test_a_changed_digit_is_refused(session: list[MeterRecord]) -> None:
         ocmf.check(record.model_copy(update={"ocmf": more}), METER.address)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "change", [{"register_wh": 1.0}, {"page": 99}, {"until_s": 1.0}, {"seq": 99}, {"robot": "panther2"}]
 )

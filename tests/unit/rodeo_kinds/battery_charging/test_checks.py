@@ -254,6 +254,7 @@ def test_a_buyer_that_reached_its_target_pays_the_price(charge: Take, judge: Jud
     assert report.amount_iec is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "lie",
     [

@@ -115,6 +115,7 @@ def scene(tmp_path: Path) -> Scene:
     return Scene(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("item", ITEMS)
 @pytest.mark.parametrize("compartment", ["blue", "yellow", "green", "grey"])
 def test_an_item_ends_in_the_compartment_that_the_bin_names(
@@ -602,6 +603,7 @@ def test_an_answer_to_one_look_is_none_to_the_next_although_the_clock_is_heard_l
     assert scene.body.dropped_in == "yellow"
 
 
+@pytest.mark.long
 def test_a_drop_that_others_made_during_the_task_confirms_nothing(on_a_bus: tuple[Scene, BinBus]) -> None:
     scene, bus = on_a_bus
 

@@ -96,6 +96,7 @@ def test_every_entry_says_what_was_measured_against_what(cleaning: Take, judge: 
     assert all(check.source for name, check in checks.items() if name != "readable_and_sealed")
 
 
+@pytest.mark.long
 def test_the_compartment_is_judged_by_the_costs_of_the_site(
     site: Site, cleaning: Take, judge: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -183,6 +184,7 @@ def test_sensor_noise_does_not_cost_the_verdict(cleaning: Take, judge: Judge) ->
 # -- provenance ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "check"),
     [
@@ -268,6 +270,7 @@ def test_a_bin_that_could_not_look_when_it_fell_is_believed(cleaning: Take, judg
     assert report.accepted, report.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.02, 0.5])
 def test_a_hole_before_the_item_lies_in_the_bin_is_refused(
     cleaning: Take, judge: Judge, share: float
@@ -302,6 +305,7 @@ def stalls(take: Take, at_s: float) -> tuple[Take, Witnesses]:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.1, 0.35, 0.5, 0.7])
 def test_a_simulator_that_stalled_does_not_fail_the_robot(
     cleaning: Take, judge: Judge, site: Site, share: float
@@ -425,6 +429,7 @@ def test_messages_published_twice_and_a_stranger_among_them_are_no_loss(cleaning
     assert report.accepted, report.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ahead_s", [-0.2, 0.2])
 def test_a_clock_that_is_off_and_lost_messages_do_not_cost_the_verdict(
     cleaning: Take, judge: Judge, ahead_s: float
@@ -497,6 +502,7 @@ def carry_s(take: Take) -> tuple[float, float]:
     return far[0], far[-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("after_lift_s", "before_rest_s"),
     [
@@ -719,6 +725,7 @@ def test_a_path_through_the_furniture_is_refused(cleaning: Take, judge: Judge) -
     assert "desk2" in report.reason
 
 
+@pytest.mark.long
 def test_a_long_stand_with_the_item_in_the_hand_costs_no_steps_and_changes_nothing(
     site: Site, judge: Judge
 ) -> None:
@@ -828,6 +835,7 @@ def test_the_last_head_of_the_recording_before_is_no_second_recording(cleaning: 
     assert report.accepted, report.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("witnesses", "why"),
     [
@@ -860,6 +868,7 @@ def test_a_bin_that_heard_the_recording_long_before_it_was_shown_something_is_no
     assert failed(report) == "heard"
 
 
+@pytest.mark.long
 def test_what_the_robot_says_that_it_saw_elsewhere_is_not_the_tasks_item(
     cleaning: Take, judge: Judge, site: Site
 ) -> None:
@@ -890,6 +899,7 @@ def test_an_item_that_is_let_go_on_the_way_is_refused(cleaning: Take, judge: Jud
     assert "outside the bin" in report.reason
 
 
+@pytest.mark.long
 def test_the_wrong_compartment_is_refused(site: Site, judge: Judge) -> None:
     take = film_cleaning(site, "item1", compartment="green")
     report = judge(take, cleaning_chain_record(take))
@@ -968,6 +978,7 @@ def with_junk(take: Take, early_s: float, weight_n: float, compartment: str = "y
     return said(take.edited("bin/drop", lambda _: item), junk)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("early_s", [0.2, 0.6, 2.0])
 @pytest.mark.parametrize(
     ("weight_n", "compartment"), [(0.02, "yellow"), (1.0, "yellow"), (0.3, "green"), (1.0, "green")]
@@ -1040,6 +1051,7 @@ def emptied(take: Take, *weights_n: float, hidden: bool = False) -> Take:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("weights_n", "hidden", "outcome"),
     [
@@ -1143,6 +1155,7 @@ def test_one_statement_of_motion_capture_after_the_drop_may_be_lost(cleaning: Ta
     assert report.accepted, report.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mocap", "outcome"), [(True, "accepted"), (False, "undecided")])
 def test_another_robot_that_claims_the_showing_does_not_have_it_rejected(
     cleaning: Take, judge: Judge, site: Site, tmp_path: Path, mocap: bool, outcome: str

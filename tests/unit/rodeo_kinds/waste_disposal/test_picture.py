@@ -235,6 +235,7 @@ def test_more_pictures_than_a_bin_takes_are_refused_before_they_are_read(tmp_pat
     assert (found.passed, found.limit) == (False, MAX_PICTURES)
 
 
+@pytest.mark.long
 def test_the_checks_start_without_opencv_and_onnxruntime() -> None:
     program = (
         "import sys, rodeo_kinds.waste_disposal.checks.picture; "

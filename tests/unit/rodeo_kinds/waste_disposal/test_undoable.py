@@ -19,6 +19,8 @@ from rodeo_testing.recordings import Sample, Take, Witnesses, moved
 from rodeo_testing.workshop import resting, told
 from tests.unit.conftest import Judge, failed
 
+pytestmark = pytest.mark.long
+
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
 GRIPPER_POSE = "mocap/panther1/gripper/pose"
 LIES = (4.6, 1.2)

@@ -35,7 +35,8 @@ from tests.support.bad_answers import BAD_BODIES, BadNode, json_reply
 from tests.support.bridge_wallet import Robot
 from tests.support.chain import Answer
 from tests.support.deployed import DeployedChain
-from tests.support.sweep import sweep
+
+pytestmark = pytest.mark.long
 
 SEND, RECEIPT, COUNT = "eth_sendRawTransaction", "eth_getTransactionReceipt", "eth_getTransactionCount"
 METHODS = [
@@ -87,7 +88,7 @@ def found(probe: Probe) -> str | None:
     return probe.problem()
 
 
-@pytest.mark.parametrize("method", sweep(METHODS, 4))
+@pytest.mark.parametrize("method", METHODS)
 def test_while_a_method_is_answered_badly_the_bridge_is_not_ready_and_each_outcome_comes_afterwards(
     method: str, robot: Robot, probe: Probe
 ) -> None:

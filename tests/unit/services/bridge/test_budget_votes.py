@@ -36,6 +36,8 @@ from services.bridge.wallet import parse
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, founded
 
+pytestmark = pytest.mark.long
+
 DELAY_S, PERIOD_S, DURATION_S = 60, 3600, 7200
 MEMBERS = ("alice", "bob", "panther1")
 REPAIRS = "0x" + "4e" * 20

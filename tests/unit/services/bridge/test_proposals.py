@@ -35,6 +35,8 @@ from tests.support.office import Office
 from tests.support.organization import GENESIS_S, Organization, founded, running_chain
 from tests.support.views import view
 
+pytestmark = pytest.mark.long
+
 DELAY_S = 3600
 TERMS = {"bond_iec": "3", "penalty_iec": "1", "max_failures": 2}
 VOTING = dict.fromkeys(("OrganizationTimelock", "OrganizationGovernor", "MemberVotes"), f"0x{7:040}")

@@ -95,6 +95,7 @@ def test_the_same_request_twice_is_one_transaction(robot: Robot) -> None:
         robot.pay(6, request_id="once")
 
 
+@pytest.mark.long
 def test_a_full_disk_keeps_what_waits_and_it_is_sent_once_when_there_is_room(robot: Robot) -> None:
     before, full = robot.paid(), True
 
@@ -207,6 +208,7 @@ def test_a_nonce_that_went_elsewhere_makes_the_transaction_anew(robot: Robot, tm
     assert done is not None and done.state == "mined"
 
 
+@pytest.mark.long
 def test_a_transaction_that_loses_its_nonce_again_and_again_is_made_until_it_gets_one(robot: Robot) -> None:
     before = robot.paid()
     robot.chain.node.fault = Rival(robot, times=6)

@@ -13,8 +13,8 @@ from rodeo.access.accounts import User
 from rodeo.access.roles import Role
 from services.console import scene
 from services.console.attention import Seen, needs, place, robots
+from services.console.glance import Summary
 from services.console.heartbeats import ProcessState
-from services.console.live import Summary
 from tests.support.site import RunningSite, write_site
 
 READY = ProcessState("robot_agent", "the robot's mind", "ready", "driving", soc=0.5, task_id=7)

@@ -49,6 +49,7 @@ def broken(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(photo)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("extension", [".jpg", ".png", ".webp"])
 def test_a_hundred_broken_photos_of_each_format_are_answered_or_refused(
     client: TestClient, extension: str

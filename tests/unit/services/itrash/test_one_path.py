@@ -33,6 +33,8 @@ from tests.unit.services.itrash.test_web import QuietBin
 from training import metrics
 from training.dataset import Sample
 
+pytestmark = pytest.mark.long
+
 PHOTOS = Path(__file__).parents[5] / "shared" / "data" / "trashnet" / "val"
 FOLDERS = [pytest.param(RENDERINGS, id="renderings")]
 if PHOTOS.is_dir():

@@ -26,6 +26,8 @@ from services.mocap.times import SiteTime
 from tests.support.nodes import router_port as router_port
 from tests.support.site import write_site
 
+pytestmark = pytest.mark.long
+
 
 def turning(at_s: np.ndarray, rad: float = 0.8) -> np.ndarray:
     """Yaw of a robot that turns to and fro, never twice alike."""

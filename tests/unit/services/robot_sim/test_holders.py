@@ -14,6 +14,7 @@ import zenoh
 from rodeo.bus.holding import EVERYBODY
 from rodeo.bus.receiving import direct
 from rodeo.bus.session import Bus
+from rodeo.ros2 import types
 from rodeo.ros2.node import Node
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
@@ -127,6 +128,11 @@ def site() -> Site:
     return Site.load(LAB)
 
 
+def holding(site: Site, *holders: str) -> Site:
+    """The site whose clock they hold."""
+    return site.model_copy(update={"clock": site.clock.model_copy(update={"holders": list(holders)})})
+
+
 @pytest.fixture
 def simulator(connect: Callable[[], zenoh.Session], site: Site) -> Simulator:
     simulator = Simulator(connect(), site, connect())
@@ -225,6 +231,69 @@ def test_what_passes_between_threads_of_one_process_has_nobody_else_asked(
 
     assert asked_after(within=True) == 0
     assert asked_after(within=False) == 1
+
+
+@pytest.mark.parametrize("way", ["put", "query", "query_all", "publish"])
+def test_only_work_in_which_something_was_sent_has_others_asked(
+    simulator: Simulator, mind: Mind, site: Site, way: str
+) -> None:
+    bus, node = Bus(mind.session), Node(mind.session, "mind", "", site.bus.domain_id, mind.clock)
+    served = bus.serve("asked", lambda _request: {})
+    word = node.publisher("word", "std_msgs/msg/Empty")
+    ways: dict[str, Callable[[], object]] = {
+        "put": lambda: bus.put_json("news", {}),
+        "query": lambda: bus.query("asked"),
+        "query_all": lambda: bus.query_all("nobody", parameters={}, timeout_s=HANG_S, most=1),
+        "publish": lambda: word.publish(types.new("std_msgs/msg/Empty")),
+    }
+    asked: list[Callable[[], object]] = []
+    done: list[object] = []
+
+    def work() -> None:
+        while mind.clock.wait_for(lambda: bool(asked), wall_s=HANG_S):
+            done.append(asked.pop()())
+
+    def do(what: Callable[[], object]) -> None:
+        count = len(done) + 1
+        asked.append(what)
+        mind.clock.notify()
+        wait_until(lambda: len(done) == count)
+
+    def works() -> int:
+        (one,) = simulator.holders.roster.seen.values()
+        return one.hold.works
+
+    begin(mind, simulator, work)
+    simulator.wait_to_pass()
+    before = works()
+    do(lambda: None)
+    do(ways[way])
+    wait_until(lambda: works() != before)
+    simulator.wait_to_pass()
+    assert works() == before + 1
+    served.undeclare()
+    node.close()
+
+
+def test_who_hears_nothing_but_the_time_is_not_asked_about_what_the_simulation_sent(
+    connect: Callable[[], zenoh.Session], site: Site
+) -> None:
+    own = holding(site, "robot_agent", "bridge")
+    simulator = Simulator(connect(), own, connect())
+    mind, bridge = (Mind(connect(), own, name) for name in ("robot_agent", "bridge"))
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
+    begin_as_second(bridge, simulator, lambda: bridge.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
+    simulator.wait_to_pass()
+    heard = bridge.heard
+    simulator.holders.sent()
+    simulator.wait_to_pass()
+    assert mind.heard == simulator.holders.marks.number
+    assert bridge.heard == heard
+    # What it does itself is heard by others, and it answers like them.
+    with bridge.clock.hold():
+        wait_until(lambda: not simulator.passes())
+    simulator.wait_to_pass()
+    assert bridge.heard == simulator.holders.marks.number
 
 
 def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mind: Mind) -> None:
@@ -624,8 +693,7 @@ def test_who_holds_it_for_long_is_named_until_it_goes_on(
 def test_an_experiment_begins_when_everybody_has_come_and_motion_capture_can_sign(
     connect: Callable[[], zenoh.Session], site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    holders = ["robot_agent", "oracle", "arrivals"]
-    own = site.model_copy(update={"clock": site.clock.model_copy(update={"holders": holders})})
+    own = holding(site, "robot_agent", "oracle", "arrivals")
     enrolled = threading.Event()
     simulator = Simulator(
         connect(), own, connect(), lambda: frozenset() if enrolled.is_set() else frozenset({"mocap"})
