@@ -29,7 +29,7 @@ from rodeo.bus.origin import check_bus
 from rodeo.bus.session import Bus
 from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, QueryTimeout, RemoteError, RodeoError
 from rodeo.host.clock import Clock, WallClock
-from rodeo.host.files import replace_file
+from rodeo.host.files import replace_file, writing
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.runtime.logs import Redacting
 from rodeo.site import topics
@@ -128,7 +128,8 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
         handler.setFormatter(Redacting("%(message)s"))
         logging.basicConfig(level=logging.WARNING, handlers=[handler])
         try:
-            return command(*args, **kwargs)
+            with writing(Path("/dev/stdout")):  # other files' writers name them
+                return command(*args, **kwargs)
         except RodeoError as error:
             sentence = formatting.explain(error, formatting.options_of(command))
             errors.print(
@@ -292,6 +293,7 @@ def print_facts(document: Any, as_json: bool, facts: Iterable[tuple[str, str]]) 
 def print_json(value: Any) -> None:
     """One JSON document on stdout; a model is written as it was on the bus."""
     sys.stdout.write(redacted(json.dumps(value, indent=2, default=_as_json)) + "\n")
+    sys.stdout.flush()
 
 
 def _as_json(value: Any) -> Any:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rodeo.display.earnings import COLUMNS, Line, cells, sums
-from rodeo_cli.html import document, table, text
+from rodeo_cli.html import GREEN, RED, document, drawing, table, text
 
 _TEXT_COLUMNS = 3
 _WIDTH, _LEFT, _RIGHT, _ROW = 900, 240, 90, 44
-_GREEN, _RED = "#1a7f4b", "#b3261e"
 
 
 def page(lines: Sequence[Line], org: str) -> str:
@@ -39,9 +38,9 @@ def _bars(totals: Sequence[Line]) -> str:
     most = max([1.0, *(float(max(one.earned_iec, one.spent_iec)) for one in totals)])
     height = _ROW * len(totals) + 28
     drawn = [
-        f'<rect x="{_LEFT}" y="4" width="12" height="12" fill="{_GREEN}"/>'
+        f'<rect x="{_LEFT}" y="4" width="12" height="12" fill="{GREEN}"/>'
         f'<text x="{_LEFT + 17}" y="14">earned, IEC</text>'
-        f'<rect x="{_LEFT + 110}" y="4" width="12" height="12" fill="{_RED}"/>'
+        f'<rect x="{_LEFT + 110}" y="4" width="12" height="12" fill="{RED}"/>'
         f'<text x="{_LEFT + 127}" y="14">spent, IEC</text>'
     ]
     for number, one in enumerate(totals):
@@ -52,13 +51,11 @@ def _bars(totals: Sequence[Line]) -> str:
             else f"{one.participant[:14]}…{one.participant[-6:]}"
         )
         drawn.append(f'<text x="{_LEFT - 10}" y="{top + 22}" text-anchor="end">{text(name)}</text>')
-        for amount, y, colour in ((one.earned_iec, top, _GREEN), (one.spent_iec, top + 18, _RED)):
+        for amount, y, colour in ((one.earned_iec, top, GREEN), (one.spent_iec, top + 18, RED)):
             length = (_WIDTH - _LEFT - _RIGHT) * float(amount) / most
             drawn.append(
                 f'<rect x="{_LEFT}" y="{y}" width="{length:.1f}" height="15" fill="{colour}"/>'
                 f'<text x="{_LEFT + length + 6:.1f}" y="{y + 12}">{amount.normalize():f}</text>'
             )
-    return (
-        f'<svg viewBox="0 0 {_WIDTH} {height}" role="img" aria-label="What each participant earned and '
-        f'spent; the table below has the numbers">{"".join(drawn)}</svg>'
-    )
+    label = "What each participant earned and spent; the table below has the numbers"
+    return drawing(_WIDTH, height, label, drawn)

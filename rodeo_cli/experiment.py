@@ -187,12 +187,12 @@ def _days(base: Path, out: Path, vary: Variation, source: str, resume: bool) -> 
     from rodeo_experiments.conduct import Conduct
     from rodeo_experiments.record import Run
     from rodeo_experiments.results import Figures
-    from rodeo_experiments.site import Begun, write_site
+    from rodeo_experiments.site import Begun, site_again, write_site
 
     path, record, options = out / "site.toml", out / "run.json", _options(base, vary, source)
     if resume and path.exists():
         times = Begun.load(out, options).times_s
-        site = Site.load(path)
+        site = site_again(path)
     else:
         site = Site.load(write_site(base, out, vary))
         assert site.experiment is not None

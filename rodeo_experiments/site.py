@@ -26,6 +26,7 @@ from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear
 
 _WRITTEN = "# Written by `rodeo experiment`."
 _BEGUN = "begun.json"
+_CHAIN = "chain.url"
 _NO_TARIFF = "cannot read the tariff: a CSV file with columns `from_hour` and `eur_kwh` is needed"
 _TRIES = 100
 """To find places for all robots."""
@@ -62,7 +63,7 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
         arrivals = round(site.experiment.arrivals * vary.days / site.experiment.days)
         experiment = experiment | {"days": vary.days, "arrivals": arrivals}
     changes: dict[str, Any] = {
-        "chain.url": f"http://127.0.0.1:{free_port()}",
+        _CHAIN: _chain_url(),
         "console.port": 0,
         "bins": [one | {"http_port": 0} for one in tables.get("bins", [])],
         "robots": _robots(site, tables["robots"], vary),
@@ -90,6 +91,18 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
         )
     )
     return path
+
+
+def _chain_url() -> str:
+    return f"http://127.0.0.1:{free_port()}"
+
+
+def site_again(path: Path) -> Site:
+    """The site of a run that continues. Its chain has a new port: others may have taken the first one."""
+    lines = path.read_text().splitlines()
+    moved = [f"{_CHAIN} = {toml(_chain_url())}" if one.startswith(f"{_CHAIN} = ") else one for one in lines]
+    replace_file(path, "\n".join(moved) + "\n")
+    return Site.load(path)
 
 
 def _leaves(table: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

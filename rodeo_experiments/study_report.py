@@ -69,7 +69,7 @@ def write_study(found: Sequence[Found], folder: Path) -> None:
         lines += [f"## {setting or _SITES_OWN}", "", _seeds(runs), ""]
         lines += [f"![setting_{number}](figures/setting_{number}.svg)", "", _CAPTION, ""]
         heads = ("name", "paper", "median", "95 % interval of the median", "range")
-        rows = (_row(name, one, reported.get(name)) for name, one in values.items())
+        rows = (_row(name, one, len(runs), reported.get(name)) for name, one in values.items())
         lines += [*table_lines(heads, rows), ""]
     if wrong := [
         f"- seed {one.run.seed}, {one.setting or _SITES_OWN}: {text}"
@@ -108,22 +108,24 @@ def _seeds(runs: Sequence[Found]) -> str:
 
 
 def _values(runs: Sequence[Found]) -> dict[str, list[float]]:
-    """The results that are a number in each run."""
-    found = {}
-    for name in runs[0].results:
-        numbers = [one.results[name] for one in runs]
-        known = [float(one) for one in numbers if isinstance(one, int | float) and not isinstance(one, bool)]
-        if len(known) == len(runs) and name != "seed":
-            found[name] = known
+    """The results that are a number, of the runs that have one."""
+    found: dict[str, list[float]] = {}
+    for name in {name: None for one in runs for name in one.results if name != "seed"}:
+        told = [one.results.get(name) for one in runs]
+        numbers = [one for one in told if isinstance(one, int | float) and not isinstance(one, bool)]
+        if numbers:
+            found[name] = [float(one) for one in numbers]
     return found
 
 
-def _row(name: str, values: list[float], reported: float | None) -> tuple[str, ...]:
+def _row(name: str, values: list[float], runs: int, reported: float | None) -> tuple[str, ...]:
     ends = interval(values)
+    digits = 0 if all(one.is_integer() for one in values) else 3
+    middle = statistics.median(values)
     return (
-        name,
+        name if len(values) == runs else f"{name} ({len(values)} of {count(runs, 'run')})",
         "" if reported is None else f"{reported:g}",
-        f"{statistics.median(values):.3f}",
-        "–" if ends is None else f"{ends[0]:.3f} to {ends[1]:.3f}",
-        f"{min(values):.3f} to {max(values):.3f}",
+        f"{middle:.{digits}f}" if digits or middle.is_integer() else f"{middle:.1f}",
+        "–" if ends is None else f"{ends[0]:.{digits}f} to {ends[1]:.{digits}f}",
+        f"{min(values):.{digits}f} to {max(values):.{digits}f}",
     )

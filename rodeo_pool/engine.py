@@ -108,10 +108,16 @@ class Dask:
             raise WorkerLost("the pool was cut off", reason=repr(error)[:200]) from error
 
     def _count(self) -> None:
-        if time.monotonic() - self._counted_s > _COUNT_S:
-            self._counted_s = time.monotonic()
-            # Jobs that find no worker wait for one, and then end.
-            self.places = max(_AHEAD * sum(self._client.nthreads().values()), min(self.places, 1))
+        """Raises EngineGone where the scheduler hangs."""
+        if time.monotonic() - self._counted_s < _COUNT_S:
+            return
+        self._counted_s = time.monotonic()
+        try:
+            threads: dict[str, int] = self._client.nthreads(callback_timeout=_CONNECT_S)
+        except TimeoutError as error:
+            raise EngineGone("the pool's scheduler does not answer", after_s=_CONNECT_S) from error
+        # Jobs that find no worker wait for one, and then end.
+        self.places = max(_AHEAD * sum(threads.values()), min(self.places, 1))
 
     def _require_client(self) -> None:
         """Raises EngineGone. A client without its scheduler tries to reach it again, and then ends itself."""
@@ -144,6 +150,7 @@ class Dask:
             if stop.is_set():
                 raise Interrupted("stopped while a pool did a job", job=future.key)
             self._require_client()  # it forgets what it was asked in its last moments
+            self._count()
 
     def _answer(self, future: Future[bytes]) -> bytes:
         """Raises JobError."""

@@ -19,7 +19,7 @@ import zenoh
 
 from rodeo.bus.messages import ClockMark
 from rodeo.bus.receiving import direct
-from rodeo.bus.sending import sent_so_far
+from rodeo.bus.sending import has_left, sent_so_far
 from rodeo.bus.session import decode_json, validate
 from rodeo.errors import RodeoError
 from rodeo.site import topics
@@ -172,7 +172,7 @@ class Holder:
                 self._publisher.put(json.dumps(state))
             except zenoh.ZError:
                 # Whoever has left the bus holds nothing any more.
-                if not self._session.is_closed():
+                if not has_left(self._session):
                     raise
 
     def _on_mark(self, sample: zenoh.Sample) -> None:

@@ -1,12 +1,14 @@
 """How much each thread has sent on the bus: who sent nothing has given nobody anything to do.
 
 What a robot's services and actions are asked does not count: the simulator, which serves them, knows itself
-what it sends.
+what it sends. A session that another thread closes can send nothing any more, either.
 """
 
 from __future__ import annotations
 
 import threading
+
+import zenoh
 
 _thread = threading.local()
 
@@ -20,3 +22,11 @@ def sent_so_far() -> int:
     """Messages and questions that the calling thread has sent."""
     sent: int = getattr(_thread, "sent", 0)
     return sent
+
+
+def has_left(session: zenoh.Session) -> bool:
+    """Whether it has left the bus, or another thread is closing it."""
+    try:
+        return bool(session.is_closed())
+    except RuntimeError:  # while `close` has borrowed it
+        return True

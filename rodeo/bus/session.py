@@ -26,7 +26,7 @@ from pydantic import BaseModel, ValidationError
 from rodeo.bus import queries
 from rodeo.bus.messages import DaoEvent, Status
 from rodeo.bus.receiving import direct
-from rodeo.bus.sending import count_sent
+from rodeo.bus.sending import count_sent, has_left
 from rodeo.errors import (
     BusUnavailable,
     InvalidRequest,
@@ -354,7 +354,7 @@ class Bus:
 
     def _refused(self, selector: str) -> RodeoError:
         """Why Zenoh takes no such query."""
-        if self.session.is_closed():
+        if has_left(self.session):
             return BusUnavailable("this process has left the bus", key=selector)
         return InvalidRequest("this is not a key of the bus", key=selector)
 

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
@@ -90,9 +91,10 @@ class Runner:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop.set()
-        for engine in filter(None, (self._elsewhere, self._local)):
-            engine.close()
-        os.close(self._lock)
+        with ExitStack() as closing:
+            closing.callback(os.close, self._lock)
+            for engine in filter(None, (self._local, self._elsewhere)):
+                closing.callback(engine.close)
 
     def run(self, jobs: Iterable[Job]) -> Iterator[Done]:
         """What came of each job, in the order in which they end. Of jobs with equal keys one is done. `jobs`

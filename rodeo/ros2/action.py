@@ -14,6 +14,7 @@ from typing import Any, Unpack
 
 import zenoh
 
+from rodeo.bus.sending import has_left
 from rodeo.errors import RodeoError
 from rodeo.host.clock import Clock, WallClock
 from rodeo.host.clocked import ClockedEvent, Limits
@@ -75,7 +76,7 @@ class ActionServer(GoalServer):
 
     @property
     def _gone(self) -> bool:
-        return self._closed or bool(self._node.session.is_closed())
+        return self._closed or has_left(self._node.session)
 
     def close(self) -> None:
         """Ask the running goal to stop and wait a moment for it, while its result can still be sent."""

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import zenoh
 
+from rodeo.bus.sending import has_left
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.site import topics
 from rodeo.site.config import Site
@@ -211,7 +212,7 @@ class Claim:
                 try:
                     rivals = self._look() or []
                 except zenoh.ZError:
-                    if not self._session.is_closed():
+                    if not has_left(self._session):
                         raise
                     return
                 if elder := [one for one in rivals if one.serves and one.holder < self.holder]:

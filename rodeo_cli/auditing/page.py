@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from rodeo.display.formatting import count, moment
 from rodeo_cli.auditing.judging import Verdict
 from rodeo_cli.auditing.summary import Summary
-from rodeo_cli.html import document, table, text
+from rodeo_cli.html import GREEN, GREY, RED, document, drawing, table, text
 
 _WIDTH, _HEIGHT, _LEFT, _BASE = 900, 190, 40, 140
 _BINS = 90
-_COLOURS = {"as on chain": "#1a7f4b", "otherwise today": "#b3261e", "not judged": "#8a94a0"}
+_COLOURS = {"as on chain": GREEN, "otherwise today": RED, "not judged": GREY}
 _MOST_ROWS = 2_000
 
 
@@ -121,7 +121,7 @@ def _timeline(verdicts: Sequence[Verdict]) -> str:
                 )
     drawn += [
         f'<circle cx="{x(one.attempt.time_s):.1f}" cy="{_BASE + 10}" r="4" '
-        f'fill="{_COLOURS["otherwise today"]}"><title>task {one.attempt.task_id} attempt '
+        f'fill="{RED}"><title>task {one.attempt.task_id} attempt '
         f"{one.attempt.number}: {text('; '.join(f.detail for f in one.findings))}</title></circle>"
         for one in verdicts
         if one.wrong
@@ -137,7 +137,5 @@ def _timeline(verdicts: Sequence[Verdict]) -> str:
             f'<rect x="{left}" y="8" width="12" height="12" fill="{colour}"/>'
             f'<text x="{left + 17}" y="18">{state}</text>'
         )
-    return (
-        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="Verdicts by time; the table has '
-        f'those that are otherwise today">{"".join(drawn)}</svg>'
-    )
+    label = "Verdicts by time; the table has those that are otherwise today"
+    return drawing(_WIDTH, _HEIGHT, label, drawn)

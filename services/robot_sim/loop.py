@@ -184,6 +184,15 @@ class Loop:
         if self._keeps_wall_time:
             # Only now, because loading took its time.
             self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
+        try:
+            self._advance(publisher)
+        finally:  # whoever waits for what was asked learns that it ends
+            self.simulation.halt()
+            self._turns.end_waits(NEVER_NS)
+            self._closed.set()
+        self.publish_queue.flush()
+
+    def _advance(self, publisher: Publisher) -> None:
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
             # If both speeds are unlimited, a charge is skipped, too.
@@ -208,10 +217,6 @@ class Loop:
             else:
                 show = partial(publisher.publish, skipping)
             self.publish_queue.publish(show, self.wait_s > _EARLY_S)
-        self.simulation.halt()
-        self._turns.end_waits(NEVER_NS)
-        self._closed.set()
-        self.publish_queue.flush()
 
     def _wait_turn(self, speed: float, skipping: bool) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -35,6 +37,7 @@ from tests.support.site import LAB
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 MAX_BYTES = 4 << 20
+PRELOAD = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"}
 CLOSED, LARGE, OTHER, LACKING = bytes(1), bytes(MAX_BYTES + 1), bytes(2), bytes(3)
 """What lies where no worker may read, is too large, has another file's name, or is not there."""
 
@@ -81,8 +84,7 @@ def hashed(data: bytes) -> str:
 
 @pytest.fixture(scope="module")
 def address(tls: Path, site: Site, readers: dict[str, str]) -> Iterator[str]:
-    preload = {"DASK_DISTRIBUTED__WORKER__PRELOAD": "tests.support.pool"}
-    with started("tests.support.pool", tls, LAB, **preload, **readers) as at:
+    with started("tests.support.pool", tls, LAB, **PRELOAD, **readers) as at:
         yield at
 
 
@@ -236,3 +238,18 @@ def test_a_pool_that_ends_leaves_its_jobs_to_this_machine(engine: Dask, tmp_path
     assert not [one for one in found if one.answer is None]
     with pytest.raises(EngineGone):
         engine.do(job("answer", 7), threading.Event())
+
+
+def test_a_scheduler_that_hangs_leaves_its_jobs_to_this_machine(tls: Path, tmp_path: Path) -> None:
+    hangs = tmp_path / "hangs"
+    with started("tests.support.pool", tls, LAB, **PRELOAD) as address:
+        engine = Dask(address, tls, {Deed.name: Deed()}, MAX_BYTES)
+        try:
+            jobs = [job("answer", number) for number in range(6)]
+            found = done(engine, tmp_path / "answers", job("hang", hangs=str(hangs)), *jobs)
+        finally:
+            os.kill(int(hangs.read_text()), signal.SIGKILL)
+            engine.close()
+    assert {one.by for one in found} <= {"dask", "local"} and not [one for one in found if one.answer is None]
+    (hung,) = [one for one in found if one.job.given["deed"] == "hang"]
+    assert "scheduler does not answer" in str(hung.lost[0])

@@ -74,8 +74,11 @@ class Misdeed(Deed):
             case "lack":
                 raise ConfigError("this worker lacks a package")
             case "end":
-                status = Path(f"/proc/{worker}/stat").read_text()
-                os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGKILL)  # its parent, see proc(5)
+                os.kill(parent_of(worker), signal.SIGKILL)
+                stop.wait()
+            case "hang":
+                Path(job.given["hangs"]).write_text(str(parent_of(worker)))
+                os.kill(parent_of(worker), signal.SIGSTOP)
                 stop.wait()
             case "wait":
                 Path(job.given["began"]).touch()
@@ -89,6 +92,11 @@ class Misdeed(Deed):
         there = Path(once).exists()
         Path(once).touch()
         return there
+
+
+def parent_of(worker: int) -> int:
+    """The process of its nanny, and of the scheduler."""
+    return int(Path(f"/proc/{worker}/stat").read_text().rpartition(")")[2].split()[1])  # see proc(5)
 
 
 def right(job: Job) -> bytes:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
@@ -31,6 +33,15 @@ def test_a_file_that_cannot_be_written_is_named_with_the_reason(tmp_path: Path) 
     named.parent.mkdir()
     write_file(named, "{}\n")
     assert named.read_text() == "{}\n"
+
+
+@pytest.mark.parametrize("more", [(), ("--json",)])
+def test_a_full_disk_behind_the_output_is_said_in_a_sentence(more: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "rodeo_cli", "kind", "list", *more]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=HANG_S)
+    assert done.returncode == 1
+    assert done.stderr.startswith("disk_full: no space left to write /dev/stdout") and len(done.stderr) < 200
 
 
 @pytest.mark.parametrize("typed", [{}, {"primaryType": "RegisterTask", "message": []}])

@@ -171,12 +171,23 @@ def test_a_verification_that_hangs_is_given_up(
     assert "hung for 0.05 s" in caplog.text
 
 
+def use_without_end(_site: Site, what: apart.What, _folder: Path) -> None:
+    """As a verification that never ends."""
+    apart.limit(what)
+    while True:
+        pass
+
+
 def test_a_verification_that_uses_up_its_cpu_time_is_given_up(
-    site: Site, cleaning: Take, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    site: Site,
+    cleaning: Take,
+    sealed: SealedProof,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    costly = Take([sample for sample in cleaning.samples for _ in range(40)])
-    proof = seal(costly, tmp_path / "proof.mcap", BINDING, ROBOT)
-    report = submitted(site, costly, proof, tmp_path, limits=OracleConfig(cpu_limit_s=1.0))
+    monkeypatch.setattr(apart, "_child", use_without_end)
+    report = submitted(site, cleaning, sealed, tmp_path, limits=OracleConfig(cpu_limit_s=1.0))
     ended_by_the_proof(report)
     assert "used more than 1 s of CPU time" in caplog.text
 

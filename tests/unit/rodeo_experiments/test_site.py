@@ -14,7 +14,7 @@ from rodeo_cli.experiment import PAPER
 from rodeo_experiments import site as experiment_site
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import keep_clear
-from rodeo_experiments.site import Begun, Variation, write_site
+from rodeo_experiments.site import Begun, Variation, site_again, write_site
 from tests.support.site import LAB
 
 
@@ -24,6 +24,14 @@ def test_a_run_has_its_own_data_and_ports_and_otherwise_the_sites_values(tmp_pat
     assert site.chain.url != base.chain.url
     same = ("clock", "agent", "experiment", "robots", "items", "economy", "kinds")
     assert {name: getattr(site, name) for name in same} == {name: getattr(base, name) for name in same}
+
+
+def test_a_run_that_continues_differs_by_the_port_of_its_chain_only(tmp_path: Path) -> None:
+    before = Site.load(path := write_site(PAPER, tmp_path / "run", Variation(seed=9)))
+    after = site_again(path)
+    assert after.chain.url != before.chain.url
+    chain = after.chain.model_copy(update={"url": before.chain.url})
+    assert after.model_copy(update={"chain": chain}) == before
 
 
 def test_seed_days_robots_tariff_and_chain_are_varied(tmp_path: Path) -> None:

@@ -152,10 +152,18 @@ def test_the_report_shows_each_setting_beside_the_paper(tmp_path: Path) -> None:
     assert page.count("<svg") == 2
     assert "<h2>agent.charge_below = 0.4</h2>" in page
     assert "14 runs of 2 site days or 3 site days." in page
-    assert page.count("<td>cleaning_settled</td><td>51</td><td>2.000</td><td>2.000 to 2.000</td>") == 1
+    assert page.count("<td>cleaning_settled</td><td>51</td><td>2</td><td>2 to 2</td>") == 1
     assert page.count("<td>cleaning_settled</td><td></td>") == 1  # 51 are those of three days
-    assert "<td>wall_s</td><td></td><td>4.000</td><td>1.000 to 7.000</td><td>1.000 to 7.000</td>" in page
+    assert "<td>wall_s</td><td></td><td>4</td><td>1 to 7</td><td>1 to 7</td>" in page
     assert len(json.loads((tmp_path / "study.json").read_text())) == 14
+
+
+def test_the_report_says_how_many_runs_have_a_quantity(tmp_path: Path) -> None:
+    without = a_run(seed=1, events=[])
+    write_study([Found("", one, []) for one in (without, a_run(seed=2), a_run(seed=3))], tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "<td>gas_per_task_median (2 of 3 runs)</td>" in page
+    assert "nan" not in page
 
 
 def test_a_study_asks_for_each_run_once_and_not_again_when_it_is_repeated(tmp_path: Path) -> None:
