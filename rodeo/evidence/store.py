@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import file_digest, sha256
+from http import HTTPStatus
 from pathlib import Path
 from typing import IO, Any
 
@@ -66,7 +67,10 @@ class Store:
         with _reached(uri):
             filesystem, target = self._open(uri)
             if self._stored(filesystem, target) != digest:
-                upload(filesystem, path, target)
+                try:
+                    upload(filesystem, path, target)
+                except FileNotFoundError as error:
+                    raise StoreUnavailable("the store has no such folder", uri=uri) from error
             found = self._stored(filesystem, target)
         if found is None:
             raise StoreUnavailable("the store does not have the file that it accepted", uri=uri)
@@ -86,7 +90,9 @@ class Store:
         try:
             with filesystem.open(target, "rb") as stored:
                 return _digest(stored, self._max_bytes)
-        except FileNotFoundError:
+        except FileNotFoundError as error:
+            if not _is_missing(error, target):
+                raise
             return None
 
     def stored(self, uri: str) -> str | None:
@@ -231,11 +237,21 @@ def _reached(uri: str) -> Iterator[None]:
         yield
     except (EvidenceError, DiskFull, MemoryError):  # what is full here is not the store's
         raise
-    except FileNotFoundError as error:
-        raise ProofNotFound("the store has no such file", uri=uri) from error
     except Exception as error:  # botocore, aiohttp and others have no root in common
-        cause = f"{type(error).__name__}: {error}"[:500]
+        if isinstance(error, FileNotFoundError) and _is_missing(error, uri):
+            raise ProofNotFound("the store has no such file", uri=uri) from error
+        first = error.__cause__ if isinstance(error, FileNotFoundError) else error
+        cause = f"{type(first).__name__}: {first}"[:500]
         raise StoreUnavailable("the store failed", uri=uri, cause=cause) from error
+
+
+def _is_missing(error: FileNotFoundError, uri: str) -> bool:
+    """Whether the store says that it has no such file: fsspec's client for HTTP raises the same error for
+    every failure, also of a server that does not answer."""
+    cause = error.__cause__
+    if cause is None or not uri.startswith(("http:", "https:")):
+        return True
+    return getattr(cause, "status", None) in (HTTPStatus.NOT_FOUND, HTTPStatus.GONE)
 
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:

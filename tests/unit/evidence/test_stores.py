@@ -163,6 +163,44 @@ def test_a_dead_store_delays_and_loses_nothing(proof: Path, tmp_path: Path) -> N
         server.shutdown()
         server.server_close()
     assert files[urlsplit(uri).path] == DATA
+    with pytest.raises(StoreUnavailable, match="Cannot connect"):
+        store.fetch(uri, HASH, folder=tmp_path / "fetched")
+
+
+@pytest.mark.parametrize(
+    ("status", "error"),
+    [(404, ProofNotFound), (410, ProofNotFound)]
+    + [(status, StoreUnavailable) for status in (302, 401, 403, 429, 500, 503)],
+)
+def test_a_server_that_fails_does_not_say_that_a_file_is_missing(
+    shelf: tuple[str, dict[str, bytes]],
+    proof: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    status: int,
+    error: type[Exception],
+) -> None:
+    """Who lost a proof has an hour to hand it over."""
+
+    def fail(self: Shelf) -> None:
+        self.send_response(status)
+        self.send_header("Location", self.path)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    store = store_at(shelf[0], tmp_path)
+    uri = store.put(proof)
+    for method in ("do_GET", "do_HEAD", "do_PUT"):
+        monkeypatch.setattr(Shelf, method, fail)
+    with pytest.raises(StoreUnavailable):
+        store.put(proof)
+    with pytest.raises(error):
+        store.fetch(uri, HASH, folder=tmp_path / "fetched")
+    if error is StoreUnavailable:
+        with pytest.raises(error):
+            store.stored(uri)
+    else:
+        assert store.stored(uri) is None
 
 
 def test_an_upload_to_s3_that_was_cut_off_goes_on(
