@@ -185,6 +185,7 @@ BEHIND = {
     "rodeo.host.proxies": "ways to servers",
     "rodeo.bus.queries": "shapes of what the index answers",
     "rodeo.bus.receiving": "carries messages",
+    "rodeo.bus.sending": "counts messages",
     "rodeo.money.rewards": "what is offered for work",
     "rodeo.judging.rulings": "who rules on what is on chain",
     "rodeo.chain.signed_requests": "signs for relayers",
@@ -195,7 +196,6 @@ BEHIND = {
 """What is imported behind `UNDECIDING` alone, and why it decides nothing."""
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "more"),
     [
