@@ -43,10 +43,10 @@ _SHOWN = 100
 @reports_errors
 def audit(
     site: SiteOption = DEFAULT_SITE,
-    first: Annotated[int, typer.Option("--from", min=0, help="First block of rulings.", metavar="BLOCK")] = 0,
+    first: Annotated[int, typer.Option("--from", min=0, help="First block.", metavar="BLOCK")] = 0,
     last: Annotated[
         int | None,
-        typer.Option("--to", min=0, help="Last block of rulings; by default the newest.", metavar="BLOCK"),
+        typer.Option("--to", min=0, help="Last block; by default the newest.", metavar="BLOCK"),
     ] = None,
     sample: Annotated[
         int | None,
@@ -73,8 +73,9 @@ def audit(
 ) -> None:
     """Judge an organization's verdicts again, as an outsider could: from chain, store and lab alone.
 
-    Exit status 1 when a verdict would be another one today, or a file, a root or a sum is wrong; 3 when none
-    is, but some could not be judged again. Repeat the command to continue.
+    An attempt is of the block in which it ended. Exit status 1 when a verdict would be another one today, or
+    a file, a root or a sum is wrong; 3 when none is, but some could not be judged again. Repeat the command
+    to continue.
     """
     from rodeo_cli.auditing.page import conclusions, page
 
@@ -94,7 +95,7 @@ def audit(
         write_file(report, page(summary))
     if not summary.is_clean:
         raise typer.Exit(1)
-    if summary.failed:
+    if summary.failed or summary.failed_roots:
         raise typer.Exit(3)
 
 
@@ -131,7 +132,7 @@ def examine(
     from rodeo.jobs.proofs import Verify
     from rodeo.jobs.runner import Runner
     from rodeo_cli.auditing.bounds import sampled
-    from rodeo_cli.auditing.judging import Audit, wrong_roots
+    from rodeo_cli.auditing.judging import Audit, odd_roots
     from rodeo_cli.auditing.reading import History
     from rodeo_cli.auditing.summary import Summary
 
@@ -148,7 +149,8 @@ def examine(
                 attempts = history.attempts(first, newest)
             else:
                 # Nobody knew the block's hash when the verdicts before it were given.
-                chosen, known = sampled(attempts, sample, history.block_hash(newest))
+                oracles = (one for one in attempts if not one.by_people)
+                chosen, known = sampled(oracles, sample, history.block_hash(newest))
                 attempts = iter(chosen)
             judging = tell("judging again", min(known, sample or known))
             verdicts: list[Verdict] = []
@@ -160,7 +162,7 @@ def examine(
             roots = [root for root in history.roots if first <= root.block <= newest]
             looked = iter(range(1, len(roots) + 1))
             looking = tell("daily roots", len(roots))
-            bad = list(wrong_roots(site, roots, history.devices, lambda: looking(next(looked), 0)))
+            odd = list(odd_roots(site, roots, history.devices, lambda: looking(next(looked), 0)))
             return Summary(
                 org=site.org,
                 block=newest,
@@ -168,7 +170,7 @@ def examine(
                 sampled=sample is not None and sample < known,
                 verdicts=sorted(verdicts, key=lambda one: one.attempt.place),
                 roots=len(roots),
-                wrong_roots=bad,
+                odd_roots=odd,
                 contradiction=history.contradiction(),
             )
         finally:
@@ -211,7 +213,7 @@ def _print(summary: Summary) -> None:
         print_table(("Task", "Attempt", "Chain", "Today", "What", "Why"), rows[:_SHOWN], folds=(5,))
     if len(rows) > _SHOWN:
         say(f"and {count(len(rows) - _SHOWN, 'line')} more: --report or --json has all")
-    for root in summary.wrong_roots[:_SHOWN]:
+    for root in summary.odd_roots[:_SHOWN]:
         say(f"root of day {root.root.day} of {root.root.device}: {root.detail}")
     for log in filter(None, (one.log for one in summary.failed)):
         errors.print(log, markup=False, highlight=False, soft_wrap=True)

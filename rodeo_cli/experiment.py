@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rodeo_experiments.site import Variation
 
 PAPER = Path(deploy.__file__).parent / "sites" / "paper.toml"
+FOLDER = Path("out/experiment")
 _SAY_EVERY_S = 10.0
 
 experiments = typer.Typer(help="Run and measure whole days of a site.", no_args_is_help=True)
@@ -70,9 +71,13 @@ ChangesOption = Annotated[
 @experiments.command()
 @reports_errors
 def paper(
-    out: Annotated[Path, typer.Option(help="Folder for site, record and report.")] = Path(
-        "out/experiment/paper"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for site, record and report.",
+            show_default="out/experiment/paper; with --seeds or --set out/experiment/study",
+        ),
+    ] = None,
     site: Annotated[
         Path, typer.Option("--site", help="Site file.", show_default="deploy/sites/paper.toml")
     ] = PAPER,
@@ -109,6 +114,7 @@ def paper(
     stop_on_signals()
     vary = Variation(seed, days, robots, tariff, chain, slow=pace == "paper", unlisted=unlisted)
     studied = seeds > 1 or bool(changes)
+    out = out or FOLDER / ("study" if studied else "paper")
     if pool and not studied:
         raise InvalidRequest("a pool does the runs of a study: use --seeds or --set", pool=pool)
     if calibrated is None:
@@ -191,13 +197,13 @@ def _days(base: Path, out: Path, vary: Variation, source: str, resume: bool) -> 
 
     path, record, options = out / "site.toml", out / "run.json", _options(base, vary, source)
     if resume and path.exists():
-        times = Begun.load(out, options).times_s
+        times = Begun.load(out, base, options).times_s
         site = site_again(path)
     else:
         site = Site.load(write_site(base, out, vary))
         assert site.experiment is not None
         times = plan(site, site.experiment, source)
-        Begun(options=options, times_s=times).save(out)
+        Begun.now(base, options, times).save(out)
     assert site.experiment is not None
     if not record.exists():
         say(f"{len(times)} arrivals in {site.experiment.days} site days, seed {site.clock.seed}. Logs: {out}")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Person, Transaction, Transfer
+from rodeo.errors import unreadable
+from rodeo.host.files import replace_file
 from rodeo.lab.config import ItemConfig
+from rodeo_experiments.errors import ExperimentFailed
 
 
 class Heard(BaseModel):
@@ -117,11 +120,19 @@ class Run(BaseModel):
     """What did not go as planned, in words."""
 
     def save(self, path: Path) -> None:
-        path.write_text(self.model_dump_json(indent=1) + "\n")
+        replace_file(path, self.model_dump_json(indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path) -> Run:
-        return cls.model_validate_json(path.read_text())
+        """Raises ExperimentFailed."""
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except ValidationError as error:
+            raise ExperimentFailed(
+                "this is no record of a run, or one of another version",
+                path=str(path),
+                reason=unreadable(error),
+            ) from error
 
     def of(self, kind: str) -> list[Task]:
         """The tasks of a kind, in the order in which they were posted."""

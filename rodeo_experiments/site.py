@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,11 +16,12 @@ from rodeo.host.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
 from rodeo.site.chance import generator
-from rodeo.site.config import Site, overrides, read_tables
+from rodeo.site.config import Site, read_tables
 from rodeo.site.endpoint import free_port
 from rodeo.site.sections import TariffConfig
 from rodeo.text.site_problems import toml
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
+from rodeo_experiments.inputs import code_sha256, overrides_sha256, site_sha256
 from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear
 
 _WRITTEN = "# Written by `rodeo experiment`."
@@ -114,26 +114,29 @@ def _leaves(table: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]
             yield f"{above}{name}", value
 
 
-def overrides_sha256() -> dict[str, str]:
-    """Variables that override the site file -> SHA-256 of the value, which may hold a password."""
-    return {name: hashlib.sha256(value.encode()).hexdigest() for name, value in overrides().items()}
-
-
 class Begun(BaseModel):
     """What a run was begun with, so that it continues as the same one."""
 
-    options: dict[str, str | int | None]
+    code_sha256: str
+    site_sha256: str
+
+    options: dict[str, Any]
     """By the name on the command line; None where the site file's value holds."""
     overrides: dict[str, str] = Field(default_factory=overrides_sha256)
     times_s: list[float]
     """Site times of the arrivals."""
 
+    @classmethod
+    def now(cls, base: Path, options: dict[str, Any], times_s: list[float]) -> Begun:
+        return cls(code_sha256=code_sha256(), site_sha256=site_sha256(base), options=options, times_s=times_s)
+
     def save(self, folder: Path) -> None:
         replace_file(folder / _BEGUN, self.model_dump_json(indent=2) + "\n")
 
     @classmethod
-    def load(cls, folder: Path, options: dict[str, str | int | None]) -> Begun:
-        """Raises ExperimentFailed where an option is given that had another value, or nothing was begun."""
+    def load(cls, folder: Path, base: Path, options: dict[str, Any]) -> Begun:
+        """Raises ExperimentFailed where an option is given that had another value, nothing was begun, or the
+        code or the site file `base` changed since."""
         try:
             begun = cls.model_validate_json((folder / _BEGUN).read_bytes())
         except (OSError, ValidationError) as error:
@@ -146,6 +149,14 @@ class Begun(BaseModel):
                     f"--resume continues with what a run was begun with: leave out --{name}",
                     given=value,
                     begun_with="the site file's value" if before is None else before,
+                )
+        for what, before, now in (
+            ("the code", begun.code_sha256, code_sha256()),
+            ("the site file", begun.site_sha256, site_sha256(Path(begun.options.get("site") or base))),
+        ):
+            if before != now:
+                raise ExperimentFailed(
+                    f"{what} has changed since this run was begun: begin it again", path=str(folder)
                 )
         if changed := {name for name, _ in overrides_sha256().items() ^ begun.overrides.items()}:
             raise ExperimentFailed(

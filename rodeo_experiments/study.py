@@ -7,7 +7,6 @@ rodeo_experiments.study FOLDER` is the child that conducts one run, or continues
 from __future__ import annotations
 
 import gzip
-import hashlib
 import io
 import itertools
 import json
@@ -20,9 +19,8 @@ import tempfile
 import threading
 import time
 import tomllib
+import zlib
 from collections.abc import Sequence
-from functools import cache
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -32,7 +30,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from rodeo.errors import ConfigError, Interrupted, unreadable
 from rodeo.host.files import replace_file
 from rodeo.host.instance import lock_instance
-from rodeo.jobs.job import BadAnswer, Job, JobFailed, WorkerDiffers, tail
+from rodeo.jobs.job import MOST_BYTES, BadAnswer, Job, JobFailed, WorkerDiffers, tail
 from rodeo.runtime.process import die_with
 from rodeo.site.config import Site, read_tables
 from rodeo.site.endpoint import free_port
@@ -40,10 +38,11 @@ from rodeo.text.site_problems import toml
 from rodeo_experiments.arrivals import plan
 from rodeo_experiments.conduct import Conduct, parameters
 from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.inputs import code_sha256, files_sha256, overrides_sha256
 from rodeo_experiments.record import Run
-from rodeo_experiments.site import Variation, overrides_sha256, write_site
+from rodeo_experiments.results import Figures
+from rodeo_experiments.site import Variation, write_site
 
-_PACKAGES = ("rodeo", "rodeo_kinds", "services", "deploy", "rodeo_experiments")
 _LIBRARIES = ("mujoco", "numpy", "eclipse-zenoh", "py-evm")
 _RUN_BYTES = 64 << 20
 """Size of the largest record of a run."""
@@ -54,19 +53,6 @@ ASKED = "asked.json"
 """The file that tells a run's child what was asked."""
 _OWN = ("clock.seed", "chain.url", "data_dir", "extends")
 """Settings of which each run has its own value."""
-
-
-@cache
-def code_sha256() -> str:
-    """SHA-256 of the files of all packages that a run executes: of a commit, however it was installed."""
-    digest = hashlib.sha256()
-    for name in _PACKAGES:
-        root = Path(str(import_module(name).__file__)).parent
-        for path in sorted(root.rglob("*")):
-            if path.is_file() and path.suffix != ".pyc":
-                digest.update(f"{name}/{path.relative_to(root).as_posix()}\0".encode())
-                digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 def settings(texts: Sequence[str]) -> list[dict[str, Any]]:
@@ -109,18 +95,23 @@ class Asked(BaseModel):
     """Versions of the libraries that counts depend on."""
     overrides: dict[str, str]
     """See `overrides_sha256`."""
+    files: dict[str, str]
+    """See `files_sha256`."""
 
     @classmethod
     def of(cls, base: Path, vary: Variation, changes: dict[str, Any], source: str) -> Self:
         """A run of the site file `base`, varied, with `changes` by the names of settings. Raises ConfigError
         for the file, and ExperimentFailed for what is changed in it."""
         with tempfile.TemporaryDirectory() as folder:
-            tables = read_tables(write_site(base, Path(folder), vary))
+            changed, varied = Path(folder, "changed.toml"), Path(folder, "varied")
+            tables = read_tables(base)
             for name, value in changes.items():
                 _change(tables, name, value)
-            tables = json.loads(json.dumps(tables, default=str))
+            replace_file(changed, _lines(json.loads(json.dumps(tables, default=str))))
             try:
-                site = Site.load(_write(tables, Path(folder)))
+                # What is varied may be among what is set, as the calibrated base load.
+                tables = read_tables(write_site(changed, varied, vary))
+                site = Site.load(_write(tables, varied))
             except ConfigError as error:
                 raise ExperimentFailed(
                     "the site is not valid with these settings", problem=_problem(error), **changes
@@ -131,7 +122,7 @@ class Asked(BaseModel):
         return cls(
             tables=tables,
             times_s=plan(site, site.experiment, source),
-            **_here(),
+            **_here(tables),
         )
 
     @property
@@ -154,29 +145,39 @@ class Runs:
 
     def do(self, job: Job, stop: threading.Event) -> bytes:
         asked = Asked.model_validate(job.given)
-        for name, here in _here().items():
+        for name, here in _here(asked.tables).items():
             if getattr(asked, name) != here:
                 raise WorkerDiffers(f"this worker has another {name} than the run asks for")
         folder = self._folder / job.key[:16]
         folder.mkdir(parents=True, exist_ok=True)
         replace_file(folder / ASKED, asked.model_dump_json())
         record = folder / "run.json"
-        status = _conduct(folder, stop)
+        status = 0 if record.exists() else _conduct(folder, stop)
         if stop.is_set() and not record.exists():
             raise Interrupted("stopped while a run was conducted", job=job.key)
         if not record.exists():
             raise JobFailed("the run did not reach its end", log=tail(folder / "log"), exit_status=status)
         answer = gzip.compress(record.read_bytes(), mtime=0)
+        if len(answer) > MOST_BYTES:
+            words = "the run's record is too large to be sent; it is kept"
+            raise JobFailed(words, record=str(record), bytes=len(answer), allowed=MOST_BYTES)
         shutil.rmtree(folder)
         return answer
 
     def check(self, job: Job, answer: bytes) -> None:
         asked, run = Asked.model_validate(job.given), record_of(answer)
         with tempfile.TemporaryDirectory() as folder:
-            wanted = parameters(Site.load(_write(asked.tables, Path(folder))))
-        if run.parameters != wanted:
-            differ = [name for name, value in wanted.items() if run.parameters.get(name) != value]
+            site = Site.load(_write(asked.tables, Path(folder)))
+        assert site.experiment is not None
+        wanted = parameters(site) | {"seed": site.clock.seed, "days": site.experiment.days}
+        said = run.parameters | {"seed": run.seed, "days": run.days}
+        if differ := [name for name, value in wanted.items() if said.get(name) != value]:
             raise BadAnswer("the record is of another run", differ=", ".join(differ))
+        try:
+            Figures(run).problems(len(asked.times_s))
+            Figures(run).results()
+        except Exception as error:  # a figure of whatever it says may fail anywhere
+            raise BadAnswer("the record says what cannot be", reason=repr(error)) from error
 
     def doubt(self, _answer: bytes) -> str:
         return ""
@@ -193,17 +194,18 @@ def record_of(answer: bytes) -> Run:
         if len(data) > _RUN_BYTES:
             raise BadAnswer("the record is too large", allowed=_RUN_BYTES)
         return Run.model_validate_json(data)
-    except (OSError, EOFError, ValidationError) as error:
-        reason = str(error) if isinstance(error, EOFError) else unreadable(error)
+    except (OSError, EOFError, zlib.error, ValidationError) as error:
+        reason = unreadable(error) if isinstance(error, OSError | ValidationError) else str(error)
         raise BadAnswer("the answer is no record of a run", reason=reason) from error
 
 
-def _here() -> dict[str, Any]:
-    """What a run depends on besides its site, on this machine."""
+def _here(tables: dict[str, Any]) -> dict[str, Any]:
+    """What a run of these tables depends on besides, on this machine."""
     return {
         "code_sha256": code_sha256(),
         "versions": {name: version(name) for name in _LIBRARIES},
         "overrides": overrides_sha256(),
+        "files": files_sha256(tables),
     }
 
 
@@ -232,8 +234,12 @@ def _write(tables: dict[str, Any], folder: Path) -> Path:
         "chain": tables.get("chain", {}) | {"url": f"http://127.0.0.1:{free_port()}"},
     }
     path = folder / "site.toml"
-    replace_file(path, "".join(f"{name} = {toml(value)}\n" for name, value in (tables | own).items()))
+    replace_file(path, _lines(tables | own))
     return path
+
+
+def _lines(tables: dict[str, Any]) -> str:
+    return "".join(f"{name} = {toml(value)}\n" for name, value in tables.items())
 
 
 def begin(folder: Path) -> tuple[Path, list[float]]:

@@ -222,7 +222,7 @@ class ConsumedActs:
                 self._undo(event, events)
             elif event.name in _TELLING and all(one.seq != event.seq for one in events):
                 events.append(event)
-            self._submissions[event.task_id] = list(_submissions(events))
+            self._submissions[event.task_id] = list(submissions_of(events))
             self._release(event)
             self._told()
 
@@ -428,7 +428,7 @@ _ENDS = frozenset({"TaskSettled", "TaskRequeued", "TaskFailed", "TaskCancelled"}
 _TELLING = _ENDS | {"ProofSubmitted", "Reported", "PassedOn", "Ruled"}
 
 
-def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
+def submissions_of(events: Iterable[DaoEvent]) -> Iterator[Submission]:
     """Those of one task, from its events in chain order."""
     uri: str | None = None
     made: list[Submission] = []

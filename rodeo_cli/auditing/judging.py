@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import re
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -19,14 +21,21 @@ from rodeo.jobs.apart import ENDED
 from rodeo.jobs.job import Job
 from rodeo.jobs.proofs import Verify
 from rodeo.jobs.runner import Done, Runner
-from rodeo.kinds import kinds_of
 from rodeo.site.config import Site
 from rodeo.text.foreign_text import in_words, quoted
 from rodeo.witness.days import SignedDay
 from rodeo_cli.auditing.reading import Attempt, History
 
+log = logging.getLogger(__name__)
+
 What = Literal["file", "rules", "verdict", "amount", "acts", "report", "payment"]
 _REPORT_BYTES = 16 << 20
+_FETCHED, _ENDED = "fetched: ", f"{ENDED}: "
+_SPENT = re.compile(
+    r'acts_unspent: ".*"(?:\.\.\.)? (?:was|is|has) [a-z ]+ in '
+    r"task (?P<task>\d{1,18}) attempt (?P<attempt>\d{1,3}) "
+)
+"""Reason of a ruling on a proof that claims what another one claimed (`acts_unspent`)."""
 
 
 class Finding(NamedTuple):
@@ -82,7 +91,7 @@ class Audit:
 
     def __init__(self, site: Site, history: History, verify: Verify, runner: Runner) -> None:
         self._site, self._history, self._verify, self._runner = site, history, verify, runner
-        self._store, self._kinds = Store(site), kinds_of(site)
+        self._store = Store(site)
         self._claims: dict[str, list[_Claim]] = defaultdict(list)
 
     def judge(self, attempts: Iterable[Attempt]) -> Iterator[Verdict]:
@@ -99,8 +108,8 @@ class Audit:
                 record = self._history.chain_record(attempt)
                 task = record.task
                 verdict = Verdict(attempt, task.kind, task.rules_sha256)
-                if self._kinds.by_people(verdict.kind):
-                    verdict.unjudged = "people judge this kind"
+                if attempt.by_people:
+                    verdict.unjudged = "no oracle decided this"
                     ready.append(verdict)
                     continue
                 # Executors name what they like: files of this machine, too.
@@ -114,22 +123,68 @@ class Audit:
         for done in self._runner.run(jobs()):
             yield from map(self._settle, _emptied(ready))
             verdict = asked.pop(done.job.key)
-            _judged(verdict, done, self._verify.rules.get(verdict.kind))
+            self._judged(verdict, done)
             yield self._settle(verdict)
         yield from map(self._settle, _emptied(ready))
+
+    def _judged(self, verdict: Verdict, done: Done) -> None:
+        """Take in what came of judging it again."""
+        verdict.by = done.by
+        if done.answer is None:
+            verdict.failed = True
+            if done.error is not None:
+                verdict.unjudged, verdict.log = str(done.error), done.error.log
+            return
+        report, attempt = Report.model_validate_json(done.answer), verdict.attempt
+        verdict.today, verdict.reason, verdict.acts = report.outcome, report.reason, tuple(report.acts)
+        verdict.same_report = attempt.report_sha256 in _hashes(report)
+        if not _agrees(attempt, report):
+            if report.reason.startswith(_ENDED):
+                # Of an oracle that is a verdict. Here it says that this machine is too slow, or too small.
+                verdict.failed, verdict.today, verdict.unjudged = True, "", report.reason
+                return
+            try:
+                if self._is_spent(attempt, report.acts):
+                    verdict.today, verdict.reason = attempt.ruling, attempt.reason
+                    return
+            except StoreUnavailable as error:
+                verdict.failed, verdict.today = True, ""
+                verdict.unjudged = f"another report cannot be read: {error}"
+                return
+            except (EvidenceError, MalformedAct) as error:
+                log.warning("%s: this cannot be checked: %s", quoted(attempt.reason), error)
+        verdict.findings += _compared(verdict, report, self._verify.rules.get(verdict.kind))
 
     def _settle(self, verdict: Verdict) -> Verdict:
         """With what chain and store say beside its proof."""
         verdict.findings += [*_payment(verdict.attempt), *self._report(verdict)]
         return verdict
 
+    def _is_spent(self, attempt: Attempt, acts: Iterable[str]) -> bool:
+        """Whether the attempt that the ruling names claims the same. Raises EvidenceError, MalformedAct."""
+        named = _SPENT.match(attempt.reason)
+        if named is None:
+            return False
+        claimed, by = [Act.parse(act) for act in acts], (int(named["task"]), int(named["attempt"]))
+        return by != (attempt.task_id, attempt.number) and any(
+            act.overlaps(Act.parse(other))
+            for submission in self._history.submissions(by[0])
+            if submission.key == by
+            for uri, sha256 in submission.reports
+            for other in acts_listed(self._fetched(uri, sha256), sha256)
+            for act in claimed
+        )
+
+    def _fetched(self, uri: str, sha256: str) -> bytes:
+        """A report. Raises EvidenceError."""
+        with tempfile.TemporaryDirectory() as folder:
+            uri = self._store.whereabouts(uri, sha256, ".json")
+            return self._store.fetch(uri, sha256, _REPORT_BYTES, Path(folder)).read_bytes()
+
     def _report(self, verdict: Verdict) -> Iterator[Finding]:
         attempt = verdict.attempt
         try:
-            with tempfile.TemporaryDirectory() as folder:
-                uri = self._store.whereabouts(attempt.report_uri, attempt.report_sha256, ".json")
-                path = self._store.fetch(uri, attempt.report_sha256, _REPORT_BYTES, Path(folder))
-                data = path.read_bytes()
+            data = self._fetched(attempt.report_uri, attempt.report_sha256)
         except StoreUnavailable as error:
             verdict.failed, verdict.unjudged = True, f"its report cannot be read: {error}"
             return
@@ -165,47 +220,35 @@ def _emptied(ready: list[Verdict]) -> list[Verdict]:
     return found
 
 
-def _judged(verdict: Verdict, done: Done, rules_sha256: str | None) -> None:
-    """Compare the chain's verdict with today's."""
-    verdict.by = done.by
-    if done.answer is None:
-        verdict.failed = True
-        if done.error is not None:
-            verdict.unjudged, verdict.log = str(done.error), done.error.log
+def _compared(verdict: Verdict, report: Report, rules_sha256: str | None) -> Iterator[Finding]:
+    """How the chain's verdict differs from today's."""
+    attempt, other_rules = verdict.attempt, verdict.rules_sha256 != rules_sha256
+    if not _agrees(attempt, report):
+        if report.reason.startswith(_FETCHED):
+            yield Finding("file", report.reason.removeprefix(_FETCHED))
+        elif attempt.reason.startswith((_FETCHED, _ENDED)):
+            # Nobody can tell today whether a file was handed over in time, or how slow a machine was.
+            detail = f"the chain has {attempt.ruling}: {quoted(attempt.reason)}; today it is {report.outcome}"
+            yield Finding("file", detail, wrong=False)
+        else:
+            ruled = "passed on" if attempt.passed_on else attempt.ruling
+            detail = f"the chain has {ruled}; today it is {report.outcome}: {report.reason}"
+            yield Finding("rules" if other_rules else "verdict", detail)
         return
-    report = Report.model_validate_json(done.answer)
-    attempt = verdict.attempt
-    verdict.today, verdict.reason, verdict.acts = report.outcome, report.reason, tuple(report.acts)
-    verdict.same_report = attempt.report_sha256 in _hashes(report)
-    other_rules = verdict.rules_sha256 != rules_sha256
-    differs = not _agrees(attempt, report.outcome)
-    if report.reason.startswith(f"{ENDED}: ") and differs:
-        # Of an oracle that is a verdict. Here it says that this machine is slower, or has less memory.
-        verdict.failed, verdict.today, verdict.unjudged = True, "", report.reason
-        return
-    if report.reason.startswith("fetched: ") and differs:
-        verdict.findings.append(Finding("file", report.reason.removeprefix("fetched: ")))
-        return
-    if differs:
-        detail = f"the chain has {attempt.ruling}; today it is {report.outcome}: {report.reason}"
-        verdict.findings.append(Finding("rules" if other_rules else "verdict", detail))
-    elif other_rules:
+    if other_rules:
         now = rules_sha256 or "none"
         detail = f"posted under {verdict.rules_sha256 or 'none'}, judged again by {now}: the same verdict"
-        verdict.findings.append(Finding("rules", detail, wrong=False))
-    if not differs and report.accepted:
+        yield Finding("rules", detail, wrong=False)
+    if report.accepted:
         price = attempt.assigned["price_iec"]
         amount_iec = price if report.amount_iec is None else report.amount_iec
         if amount_iec != attempt.amount_iec:
             detail = f"the ruling grants {attempt.amount_iec} IEC; today it is {amount_iec} IEC"
-            verdict.findings.append(Finding("amount", detail))
+            yield Finding("amount", detail)
 
 
-def _agrees(attempt: Attempt, outcome: str) -> bool:
-    """Whether today's outcome is the one on the chain. What the judge passed on, people decided."""
-    if outcome == "undecided" or attempt.passed_on:
-        return attempt.passed_on or attempt.ruling == "void"
-    return attempt.ruling == outcome
+def _agrees(attempt: Attempt, report: Report) -> bool:
+    return attempt.ruling == ("void" if report.outcome == "undecided" else report.outcome)
 
 
 def _hashes(report: Report) -> set[str]:
@@ -242,26 +285,27 @@ class RootFinding(NamedTuple):
 
     root: Root
     detail: str
+    failed: bool = False
+    """Whether the log could not be looked at."""
 
 
-def wrong_roots(
+def odd_roots(
     site: Site, roots: Iterable[Root], devices: Iterable[Device], tell: Callable[[], None]
 ) -> Iterator[RootFinding]:
-    """Daily roots whose log the store lacks, or is not its device's. `tell` is called for each root.
-
-    Raises StoreUnavailable.
-    """
+    """Daily roots whose log the store lacks, or is not its device's, or cannot be looked at. `tell` is called
+    for each root."""
     store = Store(site)
     by_key = {one.address.lower(): (one.role, one.name) for one in devices}
     for root in roots:
         tell()
         try:
             with tempfile.TemporaryDirectory() as folder:
-                signed = SignedDay.load(store.fetch(root.uri, root.root, folder=Path(folder)))
-        except StoreUnavailable:
-            raise
+                uri = store.whereabouts(root.uri, root.root, ".json")
+                signed = SignedDay.load(store.fetch(uri, root.root, folder=Path(folder)))
         except EvidenceError as error:
-            yield RootFinding(root, f"{error.code}: {in_words(error)}")
+            yield RootFinding(
+                root, f"{error.code}: {in_words(error)}", failed=isinstance(error, StoreUnavailable)
+            )
             continue
         said = (signed.log.address.lower(), signed.log.day)
         whose = by_key.get(root.device.lower())

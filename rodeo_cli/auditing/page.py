@@ -27,8 +27,8 @@ def page(summary: Summary) -> str:
         body += ["<h2>What is not as the chain has it</h2>", table(rows, heads, len(heads))]
         if len(noted) > _MOST_ROWS:
             body.append(f"<p>{len(noted) - _MOST_ROWS} more are in the JSON.</p>")
-    if summary.wrong_roots:
-        roots = [(one.root.device, str(one.root.day), one.detail) for one in summary.wrong_roots]
+    if summary.odd_roots:
+        roots = [(one.root.device, str(one.root.day), one.detail) for one in summary.odd_roots]
         body += ["<h2>Daily roots</h2>", table(roots, ("Device", "Day", "Why"), 3)]
     body.append(f"<h2>Figures</h2>{table(_figures(summary), ('', ''), 1)}")
     title = f"Audit of {summary.org}: {count(len(wrong), 'verdict')} otherwise"
@@ -44,7 +44,8 @@ def conclusions(summary: Summary) -> list[str]:
     ]
     if summary.most_wrong is not None:
         said.append(
-            f"With 95 % confidence at most {summary.most_wrong:.2%} of all {summary.known} verdicts are so."
+            f"With 95 % confidence at most {summary.most_wrong:.2%} of all {summary.known} verdicts of "
+            "oracles are so."
         )
     if summary.failed:
         said.append(
@@ -52,6 +53,8 @@ def conclusions(summary: Summary) -> list[str]:
         )
     if summary.wrong_roots:
         said.append(f"{len(summary.wrong_roots)} of {summary.roots} daily roots are wrong.")
+    if summary.failed_roots:
+        said.append(f"{len(summary.failed_roots)} of {summary.roots} daily roots could not be looked at.")
     if summary.contradiction:
         said.append(f"The contracts contradict their events: {summary.contradiction}.")
     return said

@@ -15,14 +15,17 @@ from rodeo.bus.messages import DaoEvent, Device, Root, Task
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.node.errors import RpcFailed
+from rodeo.checks.acts import Submission, submissions_of
 from rodeo.checks.case import ChainRecord
 from rodeo.errors import RequestError
+from rodeo.kinds import kinds_of
 from rodeo.site.config import Site
 from rodeo.witness.days import day_of
 from services.bridge.contradiction import contradiction
 from services.bridge.errors import IndexUnusable
 from services.bridge.follower import Follower
 from services.bridge.index import UNDONE, Index, sqlite_url
+from services.bridge.names import judge_at
 from services.bridge.node import Node
 from services.bridge.queries import task_json
 from services.bridge.reading import Page
@@ -55,12 +58,17 @@ class Attempt:
     report_uri: str = ""
     block: int = 0
     """Block of the ruling."""
+    ruled: tuple[int, int] = (0, 0)
+    """Place of the ruling in the chain."""
     time_s: float = 0.0
     """Site time of the ruling."""
     passed_on: bool = False
-    """Its judge could not decide, so that people did."""
+    """Its judge could not decide, so that people could."""
+    by_people: bool = False
+    """No oracle made the last ruling."""
     ended: str = ""
     """Name of the event that ended it."""
+    end_block: int = 0
     payout: str = ""
     paid_iec: Decimal = Decimal(0)
     received_iec: Decimal = Decimal(0)
@@ -116,6 +124,11 @@ class History:
             ) from error
         self.devices = [Device.model_validate(dict(one)) for one in self._index.rules.devices()]
         self._owners = Owners(self.devices, str(deployment.address("Organization")), site)
+        self._kinds = kinds_of(site)
+        self._numbers = self._index.rules.numbers()
+        self._removed = {
+            int(one.args["number"]): (one.block, one.log_index) for one in self._events(("JudgeRemoved",))
+        }
         self._keys = self._key_blocks()
         self.roots = [Root.model_validate(dict(one)) for one in self._pages_of_roots()]
         self._by_day: dict[int, list[Root]] = defaultdict(list)
@@ -169,14 +182,39 @@ class History:
         return contradiction(self._index, self._node, self._deployment)
 
     def attempts(self, first: int, last: int) -> Iterator[Attempt]:
-        """Attempts that have ended, on which a judge ruled in these blocks."""
+        """Attempts that ended in these blocks, and on which a judge had ruled."""
         reading = _Reading()
         for event in self._events():
+            if event.block > last:
+                break
             if event.tx_hash != reading.tx_hash:
-                yield from _paid(reading, first, last)
+                yield from self._ended(reading, first)
                 reading.tx_hash = event.tx_hash
             _read(reading, event)
-        yield from _paid(reading, first, last)
+        yield from self._ended(reading, first)
+
+    def _ended(self, reading: _Reading, first: int) -> Iterator[Attempt]:
+        """Those that ended in the transaction that was read, with what it transferred."""
+        for attempt in reading.ended:
+            attempt.received_iec = Decimal(reading.received[attempt.payout])
+            if attempt.ruling and attempt.end_block >= first:
+                attempt.by_people |= self._is_peoples(attempt)
+                yield attempt
+        reading.ended.clear()
+        reading.received.clear()
+
+    def _is_peoples(self, attempt: Attempt) -> bool:
+        """Whether no oracle judges its task, or did not any more."""
+        row = self._index.tasks.get(attempt.task_id)
+        assert row is not None  # its events were applied
+        judge = self._numbers[row["number"]]["judge"]
+        gone = attempt.ruled > self._removed.get(row["number"], attempt.ruled)
+        ours = judge_at(self._deployment.contracts, judge) == "oracle"
+        return gone or not ours or self._kinds.by_people(row["kind"])
+
+    def submissions(self, task_id: int) -> Iterator[Submission]:
+        """What was submitted for a task."""
+        return submissions_of(self._events((), task_id))
 
     def chain_record(self, attempt: Attempt) -> ChainRecord:
         """What the chain said when the attempt was judged, with today's roots of its days."""
@@ -203,16 +241,16 @@ class History:
         roots = [root for day in days for root in self._by_day.get(day, ())]
         return as_of(record, attempt.block, self._keys).chain_record.model_copy(update={"roots": roots})
 
-    def _events(self) -> Iterator[DaoEvent]:
-        """All that are on the chain, in its order."""
-        undone = {int(one.args["undone_seq"]) for one in self._pages((UNDONE,))}
-        for event in self._pages(()):
+    def _events(self, names: tuple[str, ...] = (), task_id: int | None = None) -> Iterator[DaoEvent]:
+        """Those that are on the chain, in its order; of all names and tasks, unless some are asked for."""
+        undone = {int(one.args["undone_seq"]) for one in self._pages((UNDONE,), task_id)}
+        for event in self._pages(names, task_id):
             if event.name != UNDONE and event.seq not in undone:
                 yield event
 
-    def _pages(self, names: tuple[str, ...]) -> Iterator[DaoEvent]:
+    def _pages(self, names: tuple[str, ...], task_id: int | None = None) -> Iterator[DaoEvent]:
         after = 0
-        while events := self._index.events_after(after, _PAGE, names):
+        while events := self._index.events_after(after, _PAGE, names, task_id):
             yield from events
             after = events[-1].seq
 
@@ -225,7 +263,7 @@ class History:
     def _key_blocks(self) -> dict[str, tuple[float, float]]:
         """Key -> block in which it was registered, and revoked."""
         blocks: dict[str, tuple[float, float]] = {}
-        for event in self._pages(("DeviceRegistered", "DeviceRevoked")):
+        for event in self._events(("DeviceRegistered", "DeviceRevoked")):
             key = str(event.args["device"]).lower()
             registered, _ = blocks.get(key, (0, math.inf))
             is_new = event.name == "DeviceRegistered"
@@ -266,9 +304,11 @@ def _read(reading: _Reading, event: DaoEvent) -> None:
     elif event.name == "Ruled":
         _ruled(running, event, reading.reported)
         reading.reported = None
+    elif event.name == "InstanceRuled":
+        running.by_people |= int(args["instance"]) > 0
     elif event.name in _ENDS:
         del reading.running[running.task_id]
-        running.ended = event.name
+        running.ended, running.end_block = event.name, event.block
         if event.name == "TaskSettled":
             running.payout, running.paid_iec = str(args["payout"]), Decimal(args["paid_iec"])
         reading.ended.append(running)
@@ -289,24 +329,21 @@ def _assigned(event: DaoEvent) -> Attempt:
 
 
 def _ruled(attempt: Attempt, event: DaoEvent, reported: DaoEvent | None) -> None:
-    if not int(str(event.args["report"]), 16):
+    is_silent = not int(str(event.args["report"]), 16)
+    if is_silent and not attempt.ruling:
         return  # nobody ruled: it ended with its window
+    # Whoever could not decide makes the first ruling with that.
+    is_next = attempt.passed_on and attempt.ruling != ""
     attempt.ruling = str(event.args["ruling"])
     attempt.amount_iec = Decimal(event.args["amount_iec"])
     attempt.block, attempt.time_s = event.block, event.time_s
+    attempt.ruled = event.block, event.log_index
+    if is_silent:
+        return  # its judge was removed, and what it had said with it
     sha256 = str(event.args["report"]).lower()
     if reported is not None and reported.tx_hash == event.tx_hash:
         attempt.reason, attempt.report_uri = str(reported.args["reason"]), str(reported.args["report_uri"])
+        attempt.by_people |= is_next
     elif sha256 != attempt.report_sha256:
         attempt.reason = attempt.report_uri = ""
     attempt.report_sha256 = sha256
-
-
-def _paid(reading: _Reading, first: int, last: int) -> Iterator[Attempt]:
-    """Those that ended in the transaction that was read, with what it transferred."""
-    for attempt in reading.ended:
-        attempt.received_iec = Decimal(reading.received[attempt.payout])
-        if attempt.ruling and first <= attempt.block <= last:
-            yield attempt
-    reading.ended.clear()
-    reading.received.clear()

@@ -20,11 +20,11 @@ class Summary:
     block: int
     """The newest that was read."""
     known: int
-    """Verdicts in the blocks that were asked for."""
+    """Verdicts in the blocks that were asked for; of a sample, those of an oracle."""
     sampled: bool
     verdicts: Sequence[Verdict]
     roots: int
-    wrong_roots: Sequence[RootFinding]
+    odd_roots: Sequence[RootFinding]
     contradiction: str | None
     """What contracts and events disagree about."""
 
@@ -36,6 +36,15 @@ class Summary:
     def failed(self) -> list[Verdict]:
         """Verdicts that could not be judged again, though they should have been."""
         return [one for one in self.verdicts if one.failed]
+
+    @property
+    def wrong_roots(self) -> list[RootFinding]:
+        return [one for one in self.odd_roots if not one.failed]
+
+    @property
+    def failed_roots(self) -> list[RootFinding]:
+        """Roots whose log could not be looked at."""
+        return [one for one in self.odd_roots if one.failed]
 
     @property
     def judged(self) -> int:
@@ -74,6 +83,7 @@ class Summary:
                 {"device": one.root.device, "day": one.root.day, "detail": one.detail}
                 for one in self.wrong_roots
             ],
+            "failed_roots": len(self.failed_roots),
             "contradiction": self.contradiction,
         }
 

@@ -94,7 +94,10 @@ class Names:
 
     def judge(self, address: str) -> str:
         """`oracle` for the contracts of oracles, `auditor`, `none`, or the address of another contract."""
-        ours = dict.fromkeys(map(self._contracts.get, artifacts.JUDGES), "oracle")
-        return {**ours, self._contracts["AuditorJudge"]: "auditor", ZERO_ADDRESS: "none"}.get(
-            address, address
-        )
+        return judge_at(self._contracts, address)
+
+
+def judge_at(contracts: Mapping[str, str], address: str) -> str:
+    """As `Names.judge`."""
+    ours = dict.fromkeys(map(contracts.get, artifacts.JUDGES), "oracle")
+    return {**ours, contracts["AuditorJudge"]: "auditor", ZERO_ADDRESS: "none"}.get(address, address)

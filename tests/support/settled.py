@@ -1,10 +1,10 @@
-"""Settled tasks on a chain in this process: real contracts and real proofs, which no oracle has judged."""
+"""Tasks that real contracts settled with real proofs, in this process: the oracle says what a test wants."""
 
 from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -14,7 +14,7 @@ from rodeo.bus.messages import Vote
 from rodeo.chain.contracts import events
 from rodeo.chain.contracts.abi import TaskRequest
 from rodeo.chain.contracts.types import ZERO_ADDRESS
-from rodeo.checks.report import Check, Report
+from rodeo.checks.report import Check, Outcome, Report
 from rodeo.checks.rules import rules_hash
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
@@ -33,6 +33,9 @@ APART_S = 3600
 SOC_FROM = 0.94
 """From there on a charge takes some minutes."""
 PRICE_IEC = Decimal(10)
+Said = tuple[Outcome, str]
+"""What the oracle says of a task: {act} in the reason is the charge, {first} the first task with it."""
+ACCEPTED: Said = ("accepted", "accepted")
 OTHER_RULES = "0x" + "ab" * 32
 
 
@@ -43,9 +46,13 @@ class Settled:
     organization: Organization
     clock: Clock
     register_wh: float = REGISTER_WH
+    act: str = ""
+    """The newest charge, as reports list it."""
     turns: int = 0
     files: dict[int, Path] = field(default_factory=dict)
     """Task -> its proof in the store."""
+    submitted: dict[int, Vote] = field(default_factory=dict)
+    """Task -> the ruling on it."""
 
     def __post_init__(self) -> None:
         site, client = self.organization.site, self.organization.client
@@ -70,10 +77,16 @@ class Settled:
         self.organization.send(self.organization.operator, allowed)
 
     def settle(
-        self, *, rules: str | None = None, tasks: int = 1, receipts: bool = True, named: str | None = None
+        self,
+        *,
+        rules: str | None = None,
+        receipts: bool = True,
+        named: str | None = None,
+        said: Sequence[Said] = (ACCEPTED,),
     ) -> list[int]:
-        """Numbers of `tasks` tasks that are all paid for one charge. Without `receipts` the robot signed none
-        of it. Executors submit `named` as their proofs' URI, if given; "{file}" in it is the file's name."""
+        """Numbers of tasks for which one charge is submitted: as many as are `said` something of. Without
+        `receipts` the robot signed none of it. Executors submit `named` as their proofs' URI, if given;
+        "{file}" in it is the file's name."""
         self.turns += 1
         film = film_charging(
             self.organization.site,
@@ -81,15 +94,18 @@ class Settled:
             register_wh=self.register_wh,
             after_s=APART_S * self.turns,
         )
-        self.register_wh = register_after(film)
+        began_wh, self.register_wh = self.register_wh, register_after(film)
+        self.act = f"meter/{self.meter.address.lower()}/register/{began_wh:.4f}-{self.register_wh:.4f}"
         take = film if receipts else film.without(ROBOT_RECEIPT)
         self.clock.now_s = int(take.start_s) - 4
-        assigned = [self._post(rules or self.rules) for _ in range(tasks)]
+        assigned = [self._post(rules or self.rules) for _ in said]
         proofs = [self._seal(take, one) for one in assigned]
         self.clock.now_s = int(take.end_s) + 4
-        for one, (sha256, uri) in zip(assigned, proofs, strict=True):
+        for one, (sha256, uri), (ruling, reason) in zip(assigned, proofs, said, strict=True):
             uri = (named or uri).replace("{file}", uri.rpartition("/")[2])
-            self._submit_and_accept(one, sha256, uri, rules or self.rules)
+            self._submit(one, sha256, uri)
+            reason = reason.format(act=self.act, first=assigned[0].task_id)
+            self._rule(one, sha256, rules or self.rules, ruling, reason)
         return [one.task_id for one in assigned]
 
     def _post(self, rules: str) -> events.TaskAssigned:
@@ -99,7 +115,7 @@ class Settled:
             IEC.to_units(PRICE_IEC),
             14_400,
             3600,
-            3,
+            1,
             bytes.fromhex(rules[2:]),
             0,
             ZERO_ADDRESS,
@@ -128,17 +144,23 @@ class Settled:
         self.files[assigned.task_id] = Path(uri.removeprefix("file://"))
         return proof.sha256, uri
 
-    def _submit_and_accept(self, assigned: events.TaskAssigned, sha256: str, uri: str, rules: str) -> None:
-        """Whatever it shows: no oracle has looked at it."""
-        organization, calls = self.organization, self.organization.client.organization_calls
+    def _submit(self, assigned: events.TaskAssigned, sha256: str, uri: str) -> None:
+        calls = self.organization.client.organization_calls
+        submitted = calls.submit_proof(assigned.task_id, assigned.attempt, bytes.fromhex(sha256[2:]), uri)
+        self.organization.send(self.organization.operator, submitted)
+
+    def _rule(
+        self, assigned: events.TaskAssigned, sha256: str, rules: str, ruling: Outcome, reason: str
+    ) -> None:
+        """Whatever the proof shows: no oracle has looked at it."""
+        organization = self.organization
         task_id, attempt = assigned.task_id, assigned.attempt
-        submitted = calls.submit_proof(task_id, attempt, bytes.fromhex(sha256[2:]), uri)
-        organization.send(organization.operator, submitted)
         report = Report.of(
             [Check(name="fetched", passed=True)],
             kind=KIND,
             task_id=task_id,
             attempt=attempt,
+            acts=[self.act] if ruling == "accepted" else [],
             rules_sha256=rules,
         )
         report_uri, report_sha256 = self.store.put_bytes(report.to_bytes(), ".json")
@@ -148,13 +170,26 @@ class Settled:
             proof_sha256=sha256,
             report_sha256=report_sha256,
             rules_sha256=rules,
-            ruling="accepted",
+            ruling=ruling,
             fault="nobody",
-            amount_iec=PRICE_IEC,
-            reason="accepted",
+            amount_iec=PRICE_IEC if ruling == "accepted" else Decimal(0),
+            reason=reason,
         )
+        self.submitted[task_id] = vote
         judges = organization.client.judge_calls
         organization.send(organization.oracle, judges.oracle.rule(finding(vote, IEC), report_uri))
+
+    def have_people_accept(self, task_id: int) -> None:
+        """What the oracle passed on."""
+        client, people = self.organization.client, self.organization.operator
+        vote = self.submitted[task_id].model_copy(update={"ruling": "accepted", "amount_iec": PRICE_IEC})
+        judge = client.deployment.address("OracleJudge")
+        self.organization.send(people, client.judge_calls.auditor.rule_for(judge, finding(vote, IEC), ""))
+
+    def conclude(self, task_id: int) -> None:
+        """Once nobody can rule on it any more."""
+        self.clock.now_s += 30 * 24 * 3600
+        self.organization.send(self.organization.robot, self.organization.client.calls.conclude(task_id))
 
 
 @contextmanager

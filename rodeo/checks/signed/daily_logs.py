@@ -73,7 +73,9 @@ def _lacking(device: Device, testimony: Testimony, logs: dict[int, DayLog]) -> l
 def _fetched(case: Case, device: Device, root: Root) -> DayLog:
     """Raises EvidenceError when the log cannot be fetched, or is not the device's."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Store(case.site).fetch(root.uri, root.root, folder=Path(folder))
+        store = Store(case.site)
+        uri = store.whereabouts(root.uri, root.root, ".json")
+        path = store.fetch(uri, root.root, folder=Path(folder))
         signed = SignedDay.load(path)
     assert case.chain_record is not None
     keys = {

@@ -36,7 +36,7 @@ from services.bridge.follower import Follower
 from tests.docs.text import ROOT
 from tests.support.organization import CHAIN_ID
 from tests.support.pool import served
-from tests.support.settled import OTHER_RULES, PRICE_IEC, Settled, settling
+from tests.support.settled import ACCEPTED, OTHER_RULES, PRICE_IEC, Settled, settling
 from tests.support.site import LAB, free_port
 
 pytestmark = pytest.mark.long
@@ -109,7 +109,7 @@ class Shelf(SimpleHTTPRequestHandler):
 def settle(settled: Settled, wrong: str, named: str) -> dict[int, str]:
     """Settle a task; its number, where something is `wrong` with it."""
     if wrong == "acts":
-        *_, second = settled.settle(tasks=2)
+        *_, second = settled.settle(said=(ACCEPTED, ACCEPTED))
         return {second: wrong}
     if wrong == "rules":
         (task,) = settled.settle(rules=OTHER_RULES, receipts=False)
@@ -126,6 +126,72 @@ def test_the_planted_verdicts_are_found_and_no_others(audited: Audited) -> None:
     assert wrong == audited.planted
     assert len(audited.summary.verdicts) == audited.summary.known == TASKS
     assert not audited.summary.failed
+
+
+class Ruled(NamedTuple):
+    """Tasks by what became of them."""
+
+    spent: int
+    """Rejected, because an earlier one was paid for the same charge."""
+    accused: int
+    """The same, and it was not."""
+    late: int
+    """Rejected, because its file had not been handed over."""
+    people: int
+    """Passed on, and accepted by people."""
+    nobody: int
+    """Passed on, and decided by nobody."""
+
+
+SPENT = 'acts_unspent: "{act}" was paid for in task {first} attempt 1 as "{act}"'
+
+
+@pytest.fixture(scope="module")
+def ruled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Ruled, Summary, Settled]]:
+    """Honest charges that were not paid for as they should have been, or by people."""
+    folder = tmp_path_factory.mktemp("ruled")
+    with settling(folder) as settled:
+        first, spent = settled.settle(said=(ACCEPTED, ("rejected", SPENT)))
+        (accused,) = settled.settle(said=[("rejected", SPENT.replace("{first}", str(first)))])
+        (late,) = settled.settle(
+            said=[("rejected", "fetched: proof_not_found: the executor did not send it")]
+        )
+        people, nobody = (settled.settle(said=[("undecided", "bin_camera: unclear")])[0] for _ in range(2))
+        settled.have_people_accept(people)
+        settled.conclude(nobody)
+        yield Ruled(spent, accused, late, people, nobody), examined(settled, folder / "audit"), settled
+
+
+def test_what_was_refused_as_claimed_before_is_right_if_it_was(
+    ruled: tuple[Ruled, Summary, Settled],
+) -> None:
+    tasks, summary, _ = ruled
+    wrong = {one.attempt.task_id: one.findings[0] for one in summary.wrong}
+    assert wrong.keys() == {tasks.accused, tasks.nobody}
+    assert "the chain has rejected; today it is accepted" in wrong[tasks.accused].detail
+
+
+def test_what_could_be_judged_and_was_passed_on_is_found(ruled: tuple[Ruled, Summary, Settled]) -> None:
+    tasks, summary, _ = ruled
+    (found,) = (one.findings[0].detail for one in summary.wrong if one.attempt.task_id == tasks.nobody)
+    assert "the chain has passed on; today it is accepted" in found
+
+
+def test_an_oracle_is_not_blamed_for_a_file_that_came_later(ruled: tuple[Ruled, Summary, Settled]) -> None:
+    tasks, summary, _ = ruled
+    (late,) = (one for one in summary.verdicts if one.attempt.task_id == tasks.late)
+    assert [(one.what, one.wrong) for one in late.findings] == [("file", False)]
+    assert "did not send it" in late.findings[0].detail
+
+
+def test_what_people_decided_is_not_judged_again_nor_counted_in_a_bound(
+    ruled: tuple[Ruled, Summary, Settled],
+) -> None:
+    tasks, summary, settled = ruled
+    (one,) = (one for one in summary.verdicts if not one.today)
+    assert (one.attempt.task_id, one.unjudged, one.failed) == (tasks.people, "no oracle decided this", False)
+    assert not one.findings
+    assert examined(settled, settled.organization.site.data_dir / "sampled", sample=9).known == 5
 
 
 def test_each_finding_says_why(audited: Audited) -> None:

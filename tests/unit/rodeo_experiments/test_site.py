@@ -131,13 +131,23 @@ def test_a_run_goes_on_only_with_what_it_was_begun_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(ExperimentFailed):
-        Begun.load(tmp_path, {})
-    Begun(options={"seed": 7, "pace": None, "arrivals": "a.csv"}, times_s=[1.5]).save(tmp_path)
+        Begun.load(tmp_path, PAPER, {})
+    Begun.now(PAPER, {"seed": 7, "pace": None, "arrivals": "a.csv"}, [1.5]).save(tmp_path)
     for given in ({}, {"seed": None}, {"seed": 7, "pace": None, "arrivals": "a.csv"}):
-        assert Begun.load(tmp_path, given).times_s == [1.5]
+        assert Begun.load(tmp_path, PAPER, given).times_s == [1.5]
     for given, name in (({"seed": 8}, "--seed"), ({"pace": "paper"}, "--pace"), ({"days": 2}, "--days")):
         with pytest.raises(ExperimentFailed, match=name):
-            Begun.load(tmp_path, given)
+            Begun.load(tmp_path, PAPER, given)
     monkeypatch.setenv("RODEO__ECONOMY__INITIAL_IEC", "1")
     with pytest.raises(ExperimentFailed, match="RODEO__ECONOMY__INITIAL_IEC"):
-        Begun.load(tmp_path, {})
+        Begun.load(tmp_path, PAPER, {})
+
+
+def test_a_run_does_not_go_on_once_its_site_file_has_changed(tmp_path: Path) -> None:
+    base = tmp_path / "base.toml"
+    base.write_text(f'extends = "{PAPER}"\n')
+    Begun.now(base, {"site": str(base)}, []).save(tmp_path)
+    Begun.load(tmp_path, PAPER, {})
+    base.write_text(f'extends = "{PAPER}"\n[agent]\ncharge_below = 0.4\n')
+    with pytest.raises(ExperimentFailed, match="the site file has changed"):
+        Begun.load(tmp_path, PAPER, {})

@@ -20,6 +20,7 @@ from rodeo_cli.experiment import PAPER
 from rodeo_cli.study import Study
 from rodeo_experiments.conduct import parameters
 from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.inputs import files_sha256
 from rodeo_experiments.record import Run
 from rodeo_experiments.site import Variation, write_site
 from rodeo_experiments.study import ASKED, Asked, Runs, begin, record_of, settings
@@ -34,7 +35,7 @@ def asked(seed: int = 1, unlisted: bool = False, **changes: Any) -> Asked:
 def a_record(tmp_path: Path, seed: int) -> Run:
     """A run whose parameters are those that `asked` sets."""
     site = Site.load(write_site(PAPER, tmp_path / f"site-{seed}", Variation(seed=seed, days=1)))
-    return a_run(seed=seed, parameters=parameters(site))
+    return a_run(seed=seed, days=1, parameters=parameters(site))
 
 
 def packed(run: Run) -> bytes:
@@ -84,6 +85,26 @@ def test_a_setting_changes_each_table_of_a_list() -> None:
     assert [one["battery"]["soc"] for one in asked(**{"robots.battery.soc": 0.5}).tables["robots"]] == [0.5]
 
 
+def test_what_a_variation_says_can_be_set() -> None:
+    fitted = Variation(seed=1, days=1, calibrated=True)
+    asked = Asked.of(PAPER, fitted, {"experiment.calibrated_idle_power_w": 90.0}, "")
+    assert [one["battery"]["idle_power_w"] for one in asked.tables["robots"]] == [90.0]
+
+
+def test_another_file_behind_the_same_name_is_another_run(tmp_path: Path) -> None:
+    site, scene = tmp_path / "site.toml", tmp_path / "map.yaml"
+    site.write_text(f'extends = "{PAPER}"\n')
+    scene.write_text("one")
+    tables = {"rooms": {"map": str(scene)}}
+    before = files_sha256(tables)
+    scene.write_text("two")
+    assert before.keys() == files_sha256(tables).keys() == {str(scene)}
+    assert before != files_sha256(tables)
+    other = asked().model_copy(update={"files": before})
+    with pytest.raises(WorkerDiffers, match="another files"):
+        Runs(tmp_path).do(other.job, threading.Event())
+
+
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
@@ -119,7 +140,7 @@ def test_a_record_answers_its_own_run_only(tmp_path: Path) -> None:
     runs, answer = Runs(tmp_path), packed(a_record(tmp_path, 1))
     runs.check(asked(seed=1).job, answer)
     for other, differ in (
-        (asked(seed=2), "clock"),
+        (asked(seed=2), "clock, seed"),
         (asked(unlisted=True), "agent.explore_min_per_h, agent.look_when_exploring, items, things"),
     ):
         with pytest.raises(BadAnswer, match="of another run") as refused:
@@ -128,11 +149,25 @@ def test_a_record_answers_its_own_run_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "answer", [b"", b"{}", gzip.compress(b"{}", mtime=0), gzip.compress(bytes(65 << 20))]
+    "answer",
+    [
+        b"",
+        b"{}",
+        gzip.compress(b"{}", mtime=0),
+        gzip.compress(bytes(65 << 20)),
+        gzip.compress(b"{}" * 99, mtime=0)[:10] + b"\xff" * 20,
+    ],
 )
 def test_what_is_no_record_is_refused(answer: bytes) -> None:
     with pytest.raises(BadAnswer):
         record_of(answer)
+
+
+@pytest.mark.parametrize("odd", [{"supply_end_iec": "y"}, {"days": 10**12}, {"wall_s": 0.0}])
+def test_a_record_that_says_what_cannot_be_is_refused(tmp_path: Path, odd: dict[str, Any]) -> None:
+    run = a_record(tmp_path, 1).model_copy(update=odd)
+    with pytest.raises(BadAnswer):
+        Runs(tmp_path).check(asked(seed=1).job, packed(run))
 
 
 def test_the_interval_of_the_median_assumes_no_distribution() -> None:
