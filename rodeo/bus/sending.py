@@ -7,6 +7,8 @@ what it sends. A session that another thread closes can send nothing any more, e
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import zenoh
 
@@ -22,6 +24,15 @@ def sent_so_far() -> int:
     """Messages and questions that the calling thread has sent."""
     sent: int = getattr(_thread, "sent", 0)
     return sent
+
+
+@contextmanager
+def is_asked() -> Iterator[None]:
+    """A session is asked for something: while another thread closes it, too, it answers with a ZError."""
+    try:
+        yield
+    except RuntimeError as error:  # while `close` has borrowed it
+        raise zenoh.ZError(str(error)) from error
 
 
 def has_left(session: zenoh.Session) -> bool:

@@ -26,7 +26,7 @@ from pydantic import BaseModel, ValidationError
 from rodeo.bus import queries
 from rodeo.bus.messages import DaoEvent, Status
 from rodeo.bus.receiving import direct
-from rodeo.bus.sending import count_sent, has_left
+from rodeo.bus.sending import count_sent, has_left, is_asked
 from rodeo.errors import (
     BusUnavailable,
     InvalidRequest,
@@ -198,7 +198,12 @@ class Bus:
     @property
     def connected(self) -> bool:
         """Whether there is a router now. Without one, messages that are put are lost."""
-        return bool(self.session.info.routers_zid())
+        try:
+            return bool(self.session.info.routers_zid())
+        except RuntimeError:
+            if has_left(self.session):
+                return False
+            raise
 
     def on_router(self, callback: Callable[[], object]) -> zenoh.TransportEventsListener[None]:
         """Call `callback` in one of Zenoh's threads whenever there is a router again: messages of the time
@@ -219,7 +224,8 @@ class Bus:
     def put_bytes(self, key: str, payload: bytes) -> None:
         """The same with a payload that is encoded already. Raises zenoh.ZError when the session is closed."""
         count_sent()
-        self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        with is_asked():
+            self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def subscribe_json(
         self, key: str, callback: Callable[[str, dict[str, Any]], None], *, inline: bool = False
@@ -290,7 +296,8 @@ class Bus:
         body = payload if isinstance(payload, bytes | None) else encode(payload)
         count_sent()
         try:
-            replies = self.session.get(selector, payload=body, timeout=timeout_s)
+            with is_asked():
+                replies = self.session.get(selector, payload=body, timeout=timeout_s)
         except zenoh.ZError as refusal:
             raise self._refused(selector) from refusal
         for reply in replies:
@@ -326,12 +333,13 @@ class Bus:
         selector = key + "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
         count_sent()
         try:
-            replies = self.session.get(
-                selector,
-                timeout=timeout_s,
-                target=zenoh.QueryTarget.ALL,
-                consolidation=zenoh.ConsolidationMode.NONE,
-            )
+            with is_asked():
+                replies = self.session.get(
+                    selector,
+                    timeout=timeout_s,
+                    target=zenoh.QueryTarget.ALL,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                )
         except zenoh.ZError as refusal:
             raise self._refused(selector) from refusal
         answers: list[dict[str, Any]] = []
@@ -499,6 +507,9 @@ class DaoEvents:
                 self._deliver(following)
                 with self._lock:
                     following = self._live.pop(self._seq + 1, None)
+                    has_gap = following is None and bool(self._live)
+                if has_gap and not self._stop.is_set():
+                    answered = self._catch_up()
 
     def _handed_over(self) -> None:
         with self._lock:

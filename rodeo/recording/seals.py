@@ -8,6 +8,7 @@ from collections import deque
 
 import zenoh
 
+from rodeo.bus.sending import count_sent
 from rodeo.bus.session import Bus
 from rodeo.host.metrics import SEALS_UNPUBLISHED
 from rodeo.site import topics
@@ -51,6 +52,7 @@ class SealPublisher:
         """Return when nothing waits, or after `_LAST_WALL_S`."""
         with self._changed:
             self._changed.wait_for(lambda: not self._waiting and not self._busy, _LAST_WALL_S)
+        count_sent()  # by the other thread, and for this one: witnesses hear of it
 
     def close(self) -> None:
         """Publish what waits, at most `_LAST_WALL_S`, and end."""

@@ -77,8 +77,13 @@ class Publisher:
             self._matching = self._publisher.declare_matching_listener(direct(self._on_matching))
         if self._asks:
             self._asks = False  # first: what changes while it is asked is asked again
-            self._matched = bool(self._publisher.matching_status.matching)
+            self._matched = self.matched_now
         return self._matched
+
+    @property
+    def matched_now(self) -> bool:
+        """The same, asked again: of what is rare, whoever has just subscribed waits for the next message."""
+        return bool(self._publisher.matching_status.matching)
 
     def _on_matching(self, _status: zenoh.MatchingStatus) -> None:
         self._asks = True

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from eth_account.signers.local import LocalAccount
 
 from rodeo.bus.messages import Standing
+from rodeo.bus.sending import count_sent
 from rodeo.errors import ClockUnavailable, RodeoError
 from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.judging import rulings
@@ -123,6 +124,8 @@ class Ends:
         sent = {jobs[job]: mined for job in ended if (mined := job.result()) is not None}
         self._sent |= sent
         futures.wait(sent.values(), _EXPIRY_RETRY_S)
+        if jobs:
+            count_sent()  # by other threads: participants hear of the ends
         return min((end_s + 1 for end_s in ends_s if end_s is not None), default=None)
 
     def hand_back(self, attachment: Attachment) -> None:

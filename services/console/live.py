@@ -105,6 +105,10 @@ _READ: dict[str, Read] = {
     topics.PLAN.type: lambda path: [readings.pose(one.pose).position for one in path.poses],
 }
 """What is drawn of a message. Raises Unknown where that cannot be drawn."""
+_ASKED_S = 10.0
+"""Wall time for which the map is kept after a program asked for it."""
+_LASTS = frozenset({"x", "y", "z", "yaw", "quat", "source"})
+"""What is said of where something was."""
 
 
 class Live:
@@ -120,10 +124,13 @@ class Live:
         self.heartbeats = Heartbeats(site)
         self.pace = self.heartbeats.pace
         """How fast the site's time goes, as it was said last."""
-        self.glance = Glance(queries, lambda: any(self._listeners.values()), self._tell_summary)
+        # Every page shows the clock. Programs that follow events read no summary.
+        self.glance = Glance(queries, lambda: bool(self._listeners["clock"]), self._tell_summary)
         self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self.notes = Notes()
         self.map: Json = {"robots": {}, "items": {}}
+        self._asked_s = -math.inf
+        """When a program asked for the map last; wall (monotonic) time."""
 
     async def run(self) -> None:
         """Until it is cancelled."""
@@ -224,11 +231,17 @@ class Live:
 
     # -- map -------------------------------------------------------------------------------------------
 
+    def asked_map(self) -> Json:
+        """The map for a program, which may ask again: until then it is kept, as for a page. Thread-safe."""
+        self._asked_s = time.monotonic()
+        return self.map
+
     async def _draw_maps(self) -> None:
         while True:
             await asyncio.sleep(MAP_PERIOD_S)
-            if not self._listeners["map"]:
-                self._unsubscribe()
+            if not self._listeners["map"] and time.monotonic() - self._asked_s > _ASKED_S:
+                if self._newest:
+                    self._unsubscribe()
                 continue
             if not self._newest:
                 self._subscribe()
@@ -262,6 +275,14 @@ class Live:
         for newest in self._newest.values():
             newest.close()
         self._newest.clear()
+        # What was seen last stays: as such.
+        self.map = {
+            what: {
+                name: {key: value for key, value in one.items() if key in _LASTS} | {"fresh": False}
+                for name, one in seen.items()
+            }
+            for what, seen in self.map.items()
+        }
 
     def _map_state(self) -> Json:
         robots = {one.name: self._robot_state(one) for one in self._site.robots}

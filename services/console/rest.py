@@ -243,8 +243,10 @@ def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> No
 
     @api.get("/lab", responses={200: {"model": Lab}})
     def lab(_user: caller) -> Json:
-        """What stands in the lab (`lab`) and where robots and items were last seen (`now`; m, rad)."""
-        return {"lab": console.lab, "now": console.live.map}
+        """What stands in the lab (`lab`) and where robots and items were last seen (`now`; m, rad). What is
+        not `fresh` is old: motion capture and robots are heard while somebody looks, or asks this every few
+        seconds."""
+        return {"lab": console.lab, "now": console.live.asked_map()}
 
     @api.get("/transfers", responses={200: {"model": QUERIES["transfers"].answer}})
     def transfers(

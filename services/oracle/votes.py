@@ -119,7 +119,7 @@ class Votes:
     ) -> None:
         self._site, self._name, self.voters = site, name, voters
         self._bus, self._wallet, self._clock = bus, wallet, clock
-        self._news = ClockedEvent(clock, lambda: bool(self.due()))
+        self._news = ClockedEvent(clock)
         self._waits, self._tell = waits, tell
         self._held: dict[Key, _Held] = {}
         self.early: dict[tuple[str, Key], deque[str]] = {}

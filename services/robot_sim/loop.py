@@ -161,8 +161,10 @@ class Loop:
         try:
             yield turn
         finally:
+            if self.holders is not None:
+                self.holders.sent()  # first: else the clock may pass before its client has heard
             self._turns.end(turn)
-            self.sent()
+            self.wake()
 
     def sent(self) -> None:
         """Something was sent that a process acts on: the clock waits until it is received."""

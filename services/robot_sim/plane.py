@@ -328,14 +328,14 @@ class SensorPlane:
     def publish(self, tick: int, skipped: bool) -> None:
         seen, robot, add = self._loop.simulation, self._robot, self._loop.publish_queue.add
         now_ns = seen.time_ns
-        if (skipped or tick % SLOW_TICKS == 0) and self._scan.matched:
+        if (skipped or tick % SLOW_TICKS == 0) and self._scan.matched_now:
             add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, robot.scan_m(now_ns)), now_ns)
-        if (skipped or tick % _DEPTH_TICKS == 0) and self._depth.matched:
+        if (skipped or tick % _DEPTH_TICKS == 0) and self._depth.matched_now:
             add(self._depth_info.publish_cdr, self._depth_info_cdr.encode(now_ns), now_ns)
             depth = robot.depth_m(now_ns).astype("<f4").view(np.uint8).ravel()
             add(self._depth.publish_cdr, self._depth_cdr.encode(now_ns, depth), now_ns)
             self._loop.sent()
-        if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
+        if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched_now:
             jpeg = self._camera.jpeg(seen.data)
             if jpeg is not None:
                 frame = f"{self._ns}/{CAMERA_SITE}"

@@ -84,6 +84,24 @@ def test_what_was_told_while_there_was_no_router_is_heard_when_there_is_one(
         wait_until(lambda: heard == bus.names, heard)
 
 
+def test_an_event_that_is_missing_behind_the_next_one_is_asked_for_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rodeo.bus.session.DaoEvents._CATCH_UP_S", 2 * HANG_S)
+    bus, heard = Bus(), list[str]()
+
+    def take(heard_now: DaoEvent) -> None:
+        heard.append(heard_now.name)
+        if heard_now.name == "C":  # meanwhile another one comes, and D was lost
+            bus.names = [*bus.names, "D", "E"]
+            bus.hear("rodeo/lab/event/E", event(7, "E"))
+
+        wait_until(lambda: heard == bus.names, heard)
+        bus.names = [*bus.names, "C"]
+        bus.hear("rodeo/lab/event/C", event(5, "C"))
+        wait_until(lambda: heard == bus.names and heard[-1] == "E", heard)
+
+
 def test_an_event_that_arrives_at_the_end_does_not_hold_the_clock() -> None:
     clock = Held()
     dao = DaoEvents(Bus(), "lab", lambda _event: None, clock=clock)  # type: ignore[arg-type]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 import zenoh
 
-from rodeo.bus.sending import has_left
+from rodeo.bus.sending import has_left, is_asked
 
 
 class Closing:
@@ -14,6 +15,12 @@ class Closing:
 
     def is_closed(self) -> bool:
         raise RuntimeError("Already mutably borrowed")
+
+
+def test_who_asks_a_session_that_is_being_closed_hears_that_it_is() -> None:
+    closing: Any = Closing()
+    with pytest.raises(zenoh.ZError, match="Already mutably borrowed"), is_asked():
+        closing.is_closed()
 
 
 def test_a_session_has_left_from_when_it_is_being_closed() -> None:

@@ -7,6 +7,7 @@ import threading
 import pytest
 import zenoh
 
+from rodeo.bus.sending import sent_so_far
 from rodeo.recording import seals
 from rodeo.recording.seals import SealPublisher
 from rodeo_testing.waiting import HANG_S, wait_until
@@ -40,6 +41,9 @@ def test_each_seal_is_published_as_it_is_in_the_file() -> None:
     publisher = SealPublisher(bus, "lab", "panther1")  # type: ignore[arg-type]
     for number in range(3):
         publisher(b"seal %d" % number)
+    before = sent_so_far()
+    publisher.settle()
+    assert sent_so_far() > before  # so that the clock waits until witnesses have heard them
     publisher.close()
     assert bus.said == [("rodeo/lab/seal/panther1", b"seal %d" % number) for number in range(3)]
     assert publisher.dropped == 0

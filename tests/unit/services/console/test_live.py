@@ -15,13 +15,16 @@ import zenoh
 
 from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import Bus
+from rodeo.ros2 import types, wire
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo_testing.waiting import wait_until
 from services.console import glance as glance_module
 from services.console.live import Live
+from services.robot_sim.messages import planar_pose, pose_stamped
 from tests.support.site import LAB
 
+SEEN_M = 1.5
 EVENT = {
     "name": "Transfer",
     "block": 1,
@@ -82,13 +85,22 @@ class Following:
         """Somebody opens a page."""
         asyncio.run_coroutine_threadsafe(self.live.glance.current(), self._loop).result()
 
-    def listen(self) -> None:
-        """The page stays open."""
+    def listen(self, what: str = "clock") -> Callable[[], None]:
+        """Somebody listens to `what`; a page, which stays open, to the clock. Returns what ends it."""
 
-        async def listen() -> None:
-            self.live.listen("organization", lambda: None)
+        async def listen() -> Callable[[], None]:
+            return self.live.listen(what, lambda: None)
 
-        asyncio.run_coroutine_threadsafe(listen(), self._loop).result()
+        return asyncio.run_coroutine_threadsafe(listen(), self._loop).result()
+
+    def see(self, item: str, asked: Callable[[], Any] | None = None) -> dict[str, Any]:
+        """Motion capture sees an item; what the map says of it."""
+        name, typename = topics.MOCAP_POSE.name(body=item), topics.MOCAP_POSE.type
+        said = types.serialize(pose_stamped(0, planar_pose(SEEN_M, 0.0, 0.0)))
+        self._bus.session.put(wire.data_key(self._site.bus.domain_id, name, typename), said)
+        seen = self.live.map if asked is None else asked()
+        found: dict[str, Any] = seen["items"].get(item, {})
+        return found
 
     def happen(self, count: int) -> None:
         """So many events, one after the other."""
@@ -118,6 +130,23 @@ def test_nobody_is_asked_before_somebody_looks(following: Following) -> None:
     following.look()
     assert following.bridge.asked == 1
     assert not following.live.summary.problem
+
+
+def test_a_program_that_follows_events_has_the_bridge_asked_nothing(following: Following) -> None:
+    following.listen("events")
+    following.happen(3)
+    assert following.bridge.asked == 0
+
+
+def test_where_something_was_last_seen_is_not_shown_as_where_it_is(following: Following) -> None:
+    leave = following.listen("map")
+    item = Site.load(LAB).items[0].id
+    wait_until(lambda: following.see(item).get("fresh"))
+    leave()
+    wait_until(lambda: not following.live.map["items"][item]["fresh"])
+    assert following.live.map["items"][item]["x"] == SEEN_M
+    # A program that asks for it has it kept.
+    wait_until(lambda: following.see(item, following.live.asked_map).get("fresh"))
 
 
 def test_an_open_page_hears_of_each_change(following: Following) -> None:
