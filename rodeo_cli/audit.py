@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from rodeo.chain.deployment import Deployment
     from rodeo.jobs.job import Engine, Work
     from rodeo_cli.auditing.judging import Verdict
+    from rodeo_cli.auditing.reading import Attempt, History
     from rodeo_cli.auditing.summary import Summary
 
 FOLDER = Path("out/audit")
@@ -131,7 +132,6 @@ def examine(
     from rodeo.jobs.local import Local
     from rodeo.jobs.proofs import Verify
     from rodeo.jobs.runner import Runner
-    from rodeo_cli.auditing.bounds import sampled
     from rodeo_cli.auditing.judging import Audit, odd_roots
     from rodeo_cli.auditing.reading import History
     from rodeo_cli.auditing.summary import Summary
@@ -143,15 +143,7 @@ def examine(
         history = History(site, deployment, folder, reading)
         try:
             newest = history.last_of(first, last)
-            attempts = history.attempts(first, newest)
-            if sample is None:
-                known = sum(1 for _ in attempts)
-                attempts = history.attempts(first, newest)
-            else:
-                # Nobody knew the block's hash when the verdicts before it were given.
-                oracles = (one for one in attempts if not one.by_people)
-                chosen, known = sampled(oracles, sample, history.block_hash(newest))
-                attempts = iter(chosen)
+            attempts, known = _chosen(history, first, newest, sample)
             judging = tell("judging again", min(known, sample or known))
             verdicts: list[Verdict] = []
             examined = Audit(site, history, verify, runner)
@@ -175,6 +167,17 @@ def examine(
             )
         finally:
             history.close()
+
+
+def _chosen(history: History, first: int, last: int, sample: int | None) -> tuple[Iterable[Attempt], int]:
+    """The attempts to judge again, and among how many they were chosen."""
+    from rodeo_cli.auditing.bounds import sampled
+
+    if sample is None:
+        return history.attempts(first, last), sum(1 for _ in history.attempts(first, last))
+    oracles = (one for one in history.attempts(first, last) if not one.by_people)
+    # Nobody knew the block's hash when the verdicts before it were given.
+    return sampled(oracles, sample, history.block_hash(last))
 
 
 Tell = Callable[[int, int], None]

@@ -30,6 +30,13 @@ _SAY_EVERY_S = 10.0
 
 experiments = typer.Typer(help="Run and measure whole days of a site.", no_args_is_help=True)
 
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for site, record and report.",
+        show_default="out/experiment/paper; with --seeds or --set out/experiment/study",
+    ),
+]
 TariffOption = Annotated[
     Path | None,
     typer.Option(exists=True, dir_okay=False, help="CSV file with columns `from_hour` (UTC), `eur_kwh`."),
@@ -71,13 +78,7 @@ ChangesOption = Annotated[
 @experiments.command()
 @reports_errors
 def paper(
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for site, record and report.",
-            show_default="out/experiment/paper; with --seeds or --set out/experiment/study",
-        ),
-    ] = None,
+    out: OutOption = None,
     site: Annotated[
         Path, typer.Option("--site", help="Site file.", show_default="deploy/sites/paper.toml")
     ] = PAPER,

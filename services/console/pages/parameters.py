@@ -26,6 +26,8 @@ class Parameters:
     def __init__(self, site: Site, kind: Kind | None, changed: Callable[[], None]) -> None:
         self._site = site
         self._inside: Mapping[str, str] = {}
+        self.proposed: tuple[float, float] | None = None
+        """The place that was filled in for an item."""
         self._properties: Json = {
             name: schema
             for name, schema in (kind.schema.get("properties", {}) if kind else {}).items()

@@ -208,8 +208,6 @@ class PostForm:
                 with head:
                     self._where = widgets.Text("span", "", "soft")
                 self.map = LabMap(console.lab, "Map of the lab: click on the place", self._picked)
-        self._proposed: tuple[float, float] | None = None
-        """The place that was filled in for the item."""
         self._summary_changed()
         self._begin(like, seen)
         frame.follow(console, "map", self._map_changed)
@@ -270,11 +268,8 @@ class PostForm:
         for params in self._parameters.values():
             params.offer_items(inside)
         item = self._shown().field("item")
-        if (
-            item is not None
-            and item.value
-            and self._place() == self._proposed != self._whereabouts(item.value)
-        ):
+        proposed = self._shown().proposed
+        if item is not None and item.value and self._place() == proposed != self._whereabouts(item.value):
             self._item_chosen()  # nobody has typed another place
 
     def _shown(self) -> Parameters:
@@ -316,7 +311,7 @@ class PostForm:
         params = self._shown()
         item, x, y = params.field("item"), params.field("map-x"), params.field("map-y")
         if item is not None and item.value and x is not None and y is not None:
-            x.value, y.value = self._proposed = self._whereabouts(item.value)
+            x.value, y.value = params.proposed = self._whereabouts(item.value)
         self._typed()
 
     def _whereabouts(self, item_id: str) -> tuple[float, float]:

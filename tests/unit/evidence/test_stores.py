@@ -180,7 +180,7 @@ def test_a_server_that_fails_does_not_say_that_a_file_is_missing(
     status: int,
     error: type[Exception],
 ) -> None:
-    """A store in trouble is not one without the proof: its executor has an hour to hand over what is missing."""
+    """A store in trouble is not one without the proof, which its executor has an hour to hand over again."""
 
     def fail(self: Shelf) -> None:
         self.send_response(status)
