@@ -144,10 +144,10 @@ class Runs:
         self._folder = folder
 
     def do(self, job: Job, stop: threading.Event) -> bytes:
-        asked = Asked.model_validate(job.given)
-        for name, here in _here(asked.tables).items():
-            if getattr(asked, name) != here:
+        for name, here in _here(job.given.get("tables", {})).items():
+            if job.given.get(name) != here:
                 raise WorkerDiffers(f"this worker has another {name} than the run asks for")
+        asked = Asked.model_validate(job.given)
         folder = self._folder / job.key[:16]
         folder.mkdir(parents=True, exist_ok=True)
         replace_file(folder / ASKED, asked.model_dump_json())
@@ -275,6 +275,7 @@ def _conduct(folder: Path, stop: threading.Event) -> int:
 
 def _child(folder: Path) -> None:
     def interrupt(*_: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the end of its site is not to be interrupted
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)

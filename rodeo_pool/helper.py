@@ -8,6 +8,7 @@ output.
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 import tempfile
@@ -17,9 +18,11 @@ from queue import SimpleQueue
 from typing import IO
 
 from rodeo.errors import Interrupted, RodeoError
-from rodeo.jobs.job import Job, WorkerDiffers
+from rodeo.jobs.job import Job, JobFailed, WorkerDiffers
 from rodeo.jobs.local import Local
 from rodeo_pool.wire import Answer, Failure, Question, packed, read
+
+log = logging.getLogger(__name__)
 
 FILE_BYTES = 1 << 34
 """No job's file is larger; the client keeps to the site's `store.max_bytes`."""
@@ -49,6 +52,10 @@ def serve(local: Local, questions: IO[bytes], answers: IO[bytes], scratch: Path)
             return
         except RodeoError as error:
             reply = packed(Answer(failure=Failure.of(error)))
+        except Exception as error:
+            # The next job may be another one.
+            log.exception("a job failed, which this helper does not foresee")
+            reply = packed(Answer(failure=Failure.of(JobFailed("the helper failed", reason=repr(error)))))
         answers.write(reply)
         answers.flush()
 

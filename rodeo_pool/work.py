@@ -25,8 +25,8 @@ HELPER = "rodeo_pool.helper"
 """Module of the helper."""
 _LOOK_S = 0.2
 """Longest wait before a cancelled job is noticed."""
-_END_S = 10.0
-"""Wall time for a helper's end before it is killed."""
+_END_S = 90.0
+"""Wall time for a helper's end before it is killed: longer than a run's site may take."""
 
 
 class Helper:
@@ -80,7 +80,9 @@ class Helper:
             if isinstance(found, Malformed):
                 raise BadAnswer("the helper's answer cannot be read", log=tail(self._log), reason=str(found))
             if found is None:
-                status = self._process.wait()
+                with suppress(subprocess.TimeoutExpired):
+                    self._process.wait(_END_S)
+                status = self._process.returncode
                 raise JobFailed("the worker's helper ended", log=tail(self._log), exit_status=status)
             return found
 
@@ -94,7 +96,8 @@ class Helper:
                 self._process.wait(_END_S)
         if self.is_running:
             os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
+            with suppress(subprocess.TimeoutExpired):  # of a file system that hangs
+                self._process.wait(_END_S)
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
@@ -119,6 +122,9 @@ def work(question: bytes, longest_s: float) -> bytes:
         return _helper.ask(question, longest_s, _is_wanted)
     except JobError as error:
         return packed(Answer(failure=Failure.of(error)))
+    except OSError as error:
+        failed = JobFailed("the worker cannot do jobs", reason=str(error))
+        return packed(Answer(failure=Failure.of(failed)))
 
 
 def _command(scratch: Path) -> list[str]:

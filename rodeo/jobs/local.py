@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Iterable
 
+from rodeo.errors import Interrupted
 from rodeo.jobs.job import Job, JobFailed, Work
 
 
@@ -27,6 +28,8 @@ class Local:
     def do(self, job: Job, stop: threading.Event, failed: int = 0) -> bytes:
         # An engine elsewhere has more places, and all of its jobs may come back at once.
         with self._free:
+            if stop.is_set():
+                raise Interrupted("stopped before a job was begun", job=job.key)
             try:
                 return self.works[job.work].do(job, stop)
             except OSError as error:

@@ -67,6 +67,9 @@ class Asked(BaseModel):
     lab_sha256: str
     package: str
     """Version of RODEO."""
+    suffix: str
+    """The end of a given file's name, by which it is read as a bag or not; "/" for a folder, and empty for
+    what was submitted."""
 
 
 class Verify:
@@ -121,6 +124,7 @@ class Verify:
             rules=rules,
             lab_sha256=self.lab_sha256,
             package=_package(),
+            suffix="" if submitted or file is None else "/" if file.is_dir() else file.suffix,
         )
         return Job(VERIFY, asked.model_dump(mode="json"), file)
 
@@ -133,6 +137,7 @@ class Verify:
         return self.job(sha256, chain, path, submitted=False)
 
     def do(self, job: Job, stop: threading.Event) -> bytes:
+        _require("package", _package(), job.given.get("package"))  # first: another one asks otherwise
         asked = Asked.model_validate(job.given)
         self._compare(asked)
         if asked.submitted and job.file is not None and (error := self._unlike(job.file, asked.proof_sha256)):
@@ -181,17 +186,13 @@ class Verify:
 
     def _compare(self, asked: Asked) -> None:
         """Raises WorkerDiffers."""
-        # In this order: another package or lab may have kinds that are not installed here.
+        # In this order: another lab may have kinds that are not installed here.
         own: dict[str, Callable[[], object]] = {
-            "package": _package,
             "lab_sha256": lambda: self.lab_sha256,
             "rules": lambda: {kind: self.rules.get(kind) for kind in asked.rules},
         }
         for name, here in own.items():
-            if (value := here()) != (wanted := getattr(asked, name)):
-                raise WorkerDiffers(
-                    f"this worker has another {name} than the job asks for", here=value, asked=wanted
-                )
+            _require(name, here(), getattr(asked, name))
 
     def _unlike(self, file: Path, sha256: str) -> EvidenceError | None:
         """Why the store would not give this file as the one with that hash."""
@@ -229,6 +230,12 @@ class Verify:
             except EvidenceError as error:
                 return _not_fetched(asked, error)
         raise JobFailed(ended, log=tail(log))
+
+
+def _require(name: str, here: object, asked: object) -> None:
+    """Raises WorkerDiffers."""
+    if here != asked:
+        raise WorkerDiffers(f"this worker has another {name} than the job asks for", here=here, asked=asked)
 
 
 @cache

@@ -128,7 +128,8 @@ class Runner:
     @property
     def _places(self) -> int:
         """It changes while workers join and leave."""
-        return min((self._elsewhere or self._local).places, _MOST_PLACES)
+        engine = self._local if self._is_gone else self._elsewhere or self._local
+        return min(engine.places, _MOST_PLACES)
 
     def _do(self, job: Job) -> Done:
         """Raises Interrupted, DiskFull, InvalidRequest."""

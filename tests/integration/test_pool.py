@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 
@@ -140,6 +141,7 @@ def test_a_file_larger_than_the_store_allows_is_not_sent(engine: Dask, tmp_path:
         ("large", BadAnswer, "too large"),
         ("differ", WorkerDiffers, "another package"),
         ("lack", JobFailed, "lacks a package"),
+        ("surprise", JobFailed, "ZeroDivisionError"),
     ],
 )
 def test_what_a_worker_does_wrong_is_named_and_the_job_is_done_again(
@@ -150,6 +152,14 @@ def test_what_a_worker_does_wrong_is_named_and_the_job_is_done_again(
     first = next(one for one in found.lost if type(one) is error)
     assert words in str(first) and first.details["machine"] == "127.0.0.1"
     assert found.answer is not None
+
+
+def test_a_job_that_one_worker_fails_at_is_done_by_another(address: str, tls: Path, tmp_path: Path) -> None:
+    jobs = [job("lack", number, worker=str(tmp_path / "lacks")) for number in range(20)]
+    with closing(Dask(address, tls, {Deed.name: Deed()}, MAX_BYTES)) as engine:
+        found = done(engine, tmp_path / "answers", *jobs)
+    assert {one.by for one in found} == {"dask"}
+    assert {len(one.lost) for one in found} == {0, 1}
 
 
 def test_a_job_that_kills_two_workers_is_done_here_and_none_is_lost_or_doubled(
@@ -247,9 +257,9 @@ def test_a_scheduler_that_hangs_leaves_its_jobs_to_this_machine(tls: Path, tmp_p
         try:
             jobs = [job("answer", number) for number in range(6)]
             found = done(engine, tmp_path / "answers", job("hang", hangs=str(hangs)), *jobs)
+            engine.close()  # it cannot hear of that
         finally:
             os.kill(int(hangs.read_text()), signal.SIGKILL)
-            engine.close()
     assert {one.by for one in found} <= {"dask", "local"} and not [one for one in found if one.answer is None]
     (hung,) = [one for one in found if one.job.given["deed"] == "hang"]
     assert "scheduler does not answer" in str(hung.lost[0])

@@ -71,8 +71,8 @@ class Misdeed(Deed):
                 return bytes(16 * MOST_BYTES)
             case "differ":
                 raise WorkerDiffers("this worker has another package", here="0.0.9")
-            case "lack":
-                raise ConfigError("this worker lacks a package")
+            case "lack" | "surprise" as what:
+                self._fail(what, job.given.get("worker"))
             case "end":
                 os.kill(parent_of(worker), signal.SIGKILL)
                 stop.wait()
@@ -85,6 +85,16 @@ class Misdeed(Deed):
                 stop.wait()
                 Path(job.given["ended"]).touch()
         return right(job)
+
+    def _fail(self, what: str, worker: str | None) -> None:
+        """As all do, or one: the first, whose process the file `worker` then names."""
+        if what == "surprise":
+            raise ZeroDivisionError("of what nobody has foreseen")
+        own = str(os.getpid())
+        if worker is not None and not Path(worker).exists():
+            Path(worker).write_text(own)
+        if worker is None or Path(worker).read_text() == own:
+            raise ConfigError("this worker lacks a package")
 
     def _is_done(self, job: Job) -> bool:
         if (once := job.given.get("once")) is None:

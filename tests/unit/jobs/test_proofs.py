@@ -123,6 +123,20 @@ def test_a_rejection_of_another_file_is_no_answer_and_what_cannot_be_read_has_th
         verify.check(asked, rejected.model_copy(update={"proof_sha256": "0x" + "ab" * 32}).to_bytes())
 
 
+def test_a_file_that_is_read_otherwise_is_another_question(at: Site, tmp_path: Path) -> None:
+    verify = Verify(at, tmp_path)
+    keys = set()
+    for name in ("proof.mcap", "proof.bag"):
+        (tmp_path / name).write_bytes(b"the same")
+        keys.add(verify.file(tmp_path / name).key)
+    assert len(keys) == 2
+
+
+def test_another_version_is_named_whatever_it_asks(at: Site, tmp_path: Path) -> None:
+    with pytest.raises(WorkerDiffers, match="another package"):
+        Verify(at, tmp_path).do(Job("verify", {"package": "9.9", "new": 1}), threading.Event())
+
+
 def test_a_file_that_is_too_large_is_not_read(at: Site, tmp_path: Path) -> None:
     with (tmp_path / "large.mcap").open("wb") as file:
         file.truncate(1 << 40)

@@ -138,6 +138,30 @@ def test_what_fails_for_every_job_is_named_once(
     ]
 
 
+def test_once_an_engine_is_gone_this_machine_does_as_many_jobs_at_a_time_as_it_can(tmp_path: Path) -> None:
+    together = threading.Barrier(2)
+
+    class InPairs(Doubling):
+        def do(self, job: Job, stop: threading.Event) -> bytes:
+            if job.given["number"]:  # with the first one the engine is found to be gone
+                together.wait(HANG_S)
+            return super().do(job, stop)
+
+    def ends(_: Job) -> bytes:
+        raise EngineGone("no workers any more")
+
+    assert len(doubled(tmp_path, range(5), InPairs(), Elsewhere(ends, places=1))) == 5
+    assert not together.broken
+
+
+def test_a_job_is_not_begun_after_the_stop() -> None:
+    stop, work = threading.Event(), Doubling()
+    stop.set()
+    with pytest.raises(Interrupted):
+        Local([work]).do(Job("double", {"number": 1}), stop)
+    assert work.done == []
+
+
 def test_an_engine_that_is_gone_is_not_asked_again(tmp_path: Path) -> None:
     asked: list[Job] = []
 
