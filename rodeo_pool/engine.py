@@ -123,6 +123,7 @@ class Dask:
                 self._works[job.work].check(job, answer)
                 return answer
             except JobError as error:
+                self._counted_s = -math.inf  # a worker that is gone comes back under another address
                 self._blame(job, error, future)
                 raise
             finally:

@@ -19,6 +19,8 @@ from rodeo.site.config import Site
 
 STANDS = 1e-3
 """Share of real time: a clock that is slower than this stands."""
+_MEASURED_S = 5.0
+"""Wall time in which a clock that runs is measured again, and that is heard."""
 _REAL = 0.05
 """Share by which a clock that keeps real time may look faster or slower than that when it is measured."""
 
@@ -79,8 +81,10 @@ class Pace:
 
     @property
     def now_s(self) -> float:
-        """Site time now, as far as it continues like this."""
-        return self.at_s + max(0.0, time.time() - self.measured_s) * self.speed
+        """Site time now, as far as it continues like this: a fast clock that is not measured any more stands,
+        because somebody holds it."""
+        passed_s = max(0.0, time.time() - self.measured_s)
+        return self.at_s + self.speed * (passed_s if self.is_real else min(passed_s, _MEASURED_S))
 
     def continues(self, before: Pace | None) -> bool:
         """Whether a clock that continues as `before` said shows this, by half a second of the wall's."""

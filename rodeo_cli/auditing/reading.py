@@ -207,9 +207,9 @@ class History:
         """Whether no oracle judges its task, or did not any more."""
         row = self._index.tasks.get(attempt.task_id)
         assert row is not None  # its events were applied
-        judge = self._numbers[row["number"]]["judge"]
+        known = self._numbers.get(row["number"])
+        ours = known is not None and judge_at(self._deployment.contracts, known["judge"]) == "oracle"
         gone = attempt.ruled > self._removed.get(row["number"], attempt.ruled)
-        ours = judge_at(self._deployment.contracts, judge) == "oracle"
         return gone or not ours or self._kinds.by_people(row["kind"])
 
     def submissions(self, task_id: int) -> Iterator[Submission]:

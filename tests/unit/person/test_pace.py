@@ -47,3 +47,9 @@ def test_a_clock_that_jumps_or_changes_its_speed_does_not_go_on_as_it_was_said(
     # Measurements of the future: no time passes between them in this test.
     assert later.continues(Pace(20.0, at_s=120.0, measured_s=FUTURE_S)) is goes_on
     assert not later.continues(None)
+
+
+def test_a_fast_clock_that_somebody_holds_is_not_shown_as_running() -> None:
+    an_hour_ago_s = time.time() - 3600
+    assert Pace(1000.0, at_s=0.0, measured_s=an_hour_ago_s).now_s <= 5_000.0
+    assert Pace(1.0, at_s=0.0, measured_s=an_hour_ago_s).now_s >= 3600.0
