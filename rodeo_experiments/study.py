@@ -104,13 +104,10 @@ class Asked(BaseModel):
         for the file, and ExperimentFailed for what is changed in it."""
         with tempfile.TemporaryDirectory() as folder:
             changed, varied = Path(folder, "changed.toml"), Path(folder, "varied")
-            tables = read_tables(base)
-            for name, value in changes.items():
-                _change(tables, name, value)
-            replace_file(changed, _lines(json.loads(json.dumps(tables, default=str))))
+            replace_file(changed, _lines(_changed(read_tables(base), changes)))
             try:
-                # What is varied may be among what is set, as the calibrated base load.
-                tables = read_tables(write_site(changed, varied, vary))
+                # A variation may read what is set, as the calibrated base load, and sets nothing of it.
+                tables = _changed(read_tables(write_site(changed, varied, vary)), changes)
                 site = Site.load(_write(tables, varied))
             except ConfigError as error:
                 raise ExperimentFailed(
@@ -213,6 +210,14 @@ def _problem(error: ConfigError) -> str:
     """What is wrong, without the site file that was written for a moment."""
     fields = error.details.get("fields")
     return "; ".join(f"{name}: {text}" for name, text in fields.items()) if fields else error.message
+
+
+def _changed(tables: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """With each setting, by its name, as JSON. Raises ExperimentFailed."""
+    for name, value in changes.items():
+        _change(tables, name, value)
+    plain: dict[str, Any] = json.loads(json.dumps(tables, default=str))
+    return plain
 
 
 def _change(table: Any, name: str, value: Any) -> None:

@@ -133,8 +133,11 @@ class Dask:
             raise WorkerLost("the pool was cut off", reason=repr(error)[:200]) from error
 
     def _others(self, job: Job) -> list[str] | None:
-        """The workers that have not failed at this job; None for any."""
-        failed = self._failed.get(job.key, set()) | self._failed.get("", set())
+        """The workers that have not failed at this job; None for any. Raises WorkerDiffers if all differ."""
+        differ = self._failed.get("", set())
+        if self._threads and self._threads.keys() <= differ:
+            raise WorkerDiffers("every worker of the pool differs")
+        failed = self._failed.get(job.key, set()) | differ
         return [one for one in self._threads if one not in failed] or None if failed else None
 
     def _blame(self, job: Job, error: JobError, future: Future[bytes]) -> None:

@@ -21,6 +21,7 @@ from rodeo.jobs.apart import ENDED
 from rodeo.jobs.job import Job
 from rodeo.jobs.proofs import Verify
 from rodeo.jobs.runner import Done, Runner
+from rodeo.kinds import kinds_of
 from rodeo.site.config import Site
 from rodeo.text.foreign_text import in_words, quoted
 from rodeo.witness.days import SignedDay
@@ -30,6 +31,8 @@ log = logging.getLogger(__name__)
 
 What = Literal["file", "rules", "verdict", "amount", "acts", "report", "payment"]
 _REPORT_BYTES = 16 << 20
+_PAID = ("accepted", "impossible")
+"""Rulings that pay the executor."""
 _FETCHED, _ENDED = "fetched: ", f"{ENDED}: "
 _SPENT = re.compile(
     r'acts_unspent: ".*"(?:\.\.\.)? (?:was|is|has) [a-z ]+ in '
@@ -91,7 +94,7 @@ class Audit:
 
     def __init__(self, site: Site, history: History, verify: Verify, runner: Runner) -> None:
         self._site, self._history, self._verify, self._runner = site, history, verify, runner
-        self._store = Store(site)
+        self._store, self._kinds = Store(site), kinds_of(site)
         self._claims: dict[str, list[_Claim]] = defaultdict(list)
 
     def judge(self, attempts: Iterable[Attempt]) -> Iterator[Verdict]:
@@ -110,6 +113,9 @@ class Audit:
                 verdict = Verdict(attempt, task.kind, task.rules_sha256)
                 if attempt.by_people:
                     verdict.unjudged = "no oracle decided this"
+                elif task.kind not in self._kinds:
+                    verdict.failed, verdict.unjudged = True, "the site file does not list this kind"
+                if verdict.unjudged:
                     ready.append(verdict)
                     continue
                 # Executors name what they like: files of this machine, too.
@@ -161,16 +167,18 @@ class Audit:
         return verdict
 
     def _is_spent(self, attempt: Attempt, acts: Iterable[str]) -> bool:
-        """Whether the attempt that the ruling names claims the same. Raises EvidenceError, MalformedAct."""
+        """Whether the attempt that a refusal names had claimed the same before: it was accepted then, or it
+        was of the same executor and might still be. Raises EvidenceError, MalformedAct."""
         named = _SPENT.match(attempt.reason)
-        if named is None:
+        if named is None or attempt.ruling in _PAID:
             return False
-        claimed, by = [Act.parse(act) for act in acts], (int(named["task"]), int(named["attempt"]))
-        return by != (attempt.task_id, attempt.number) and any(
+        by = self._history.submission(int(named["task"]), int(named["attempt"]), attempt.ruled)
+        if by is None or by.key == (attempt.task_id, attempt.number):
+            return False
+        claimed = [Act.parse(act) for act in acts]
+        return (by.accepted or (by.stands and by.executor == attempt.executor)) and any(
             act.overlaps(Act.parse(other))
-            for submission in self._history.submissions(by[0])
-            if submission.key == by
-            for uri, sha256 in submission.reports
+            for uri, sha256 in by.reports
             for other in acts_listed(self._fetched(uri, sha256), sha256)
             for act in claimed
         )
@@ -193,13 +201,24 @@ class Audit:
             return
         if attempt.ruling != "accepted":
             return
-        for text in {*verdict.acts, *acts_listed(data, attempt.report_sha256)}:
+        for text in {*verdict.acts, *acts_listed(data, attempt.report_sha256), *self._passed_on(attempt)}:
             try:
                 act = Act.parse(text)
             except MalformedAct as error:
                 yield Finding("report", f"the report lists an act that is none: {error}")
                 continue
             self._claims[act.what].append(_Claim(act, verdict))
+
+    def _passed_on(self, attempt: Attempt) -> Iterator[str]:
+        """What the oracle had said that it claims, of an attempt that people accepted: their reports list
+        nothing."""
+        by = self._history.submission(attempt.task_id, attempt.number) if attempt.by_people else None
+        for uri, digest in by.reports if by is not None else ():
+            if digest != attempt.report_sha256:
+                try:
+                    yield from acts_listed(self._fetched(uri, digest), digest)
+                except EvidenceError as error:
+                    log.warning("task %d: an earlier report cannot be read: %s", attempt.task_id, error)
 
     def compare_claims(self) -> None:
         """Find acts that two accepted proofs claim: the one that was submitted later was paid for nothing."""
@@ -226,7 +245,7 @@ def _compared(verdict: Verdict, report: Report, rules_sha256: str | None) -> Ite
     if not _agrees(attempt, report):
         if report.reason.startswith(_FETCHED):
             yield Finding("file", report.reason.removeprefix(_FETCHED))
-        elif attempt.reason.startswith((_FETCHED, _ENDED)):
+        elif attempt.ruling not in _PAID and attempt.reason.startswith((_FETCHED, _ENDED)):
             # Nobody can tell today whether a file was handed over in time, or how slow a machine was.
             detail = f"the chain has {attempt.ruling}: {quoted(attempt.reason)}; today it is {report.outcome}"
             yield Finding("file", detail, wrong=False)

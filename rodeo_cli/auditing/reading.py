@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -126,9 +127,10 @@ class History:
         self._owners = Owners(self.devices, str(deployment.address("Organization")), site)
         self._kinds = kinds_of(site)
         self._numbers = self._index.rules.numbers()
-        self._removed = {
-            int(one.args["number"]): (one.block, one.log_index) for one in self._events(("JudgeRemoved",))
-        }
+        self._removed: dict[int, tuple[int, int]] = {}
+        """Number of a judge of a kind -> the place of its removal, which may be said again."""
+        for one in self._events(("JudgeRemoved",)):
+            self._removed.setdefault(int(one.args["number"]), (one.block, one.log_index))
         self._keys = self._key_blocks()
         self.roots = [Root.model_validate(dict(one)) for one in self._pages_of_roots()]
         self._by_day: dict[int, list[Root]] = defaultdict(list)
@@ -210,11 +212,15 @@ class History:
         known = self._numbers.get(row["number"])
         ours = known is not None and judge_at(self._deployment.contracts, known["judge"]) == "oracle"
         gone = attempt.ruled > self._removed.get(row["number"], attempt.ruled)
-        return gone or not ours or self._kinds.by_people(row["kind"])
+        kind = self._kinds.get(row["kind"])
+        return gone or not ours or (kind is not None and kind.by_people)
 
-    def submissions(self, task_id: int) -> Iterator[Submission]:
-        """What was submitted for a task."""
-        return submissions_of(self._events((), task_id))
+    def submission(
+        self, task_id: int, attempt: int, before: tuple[int, int] = (sys.maxsize, 0)
+    ) -> Submission | None:
+        """What was submitted for a task in an attempt, as it was before a place in the chain."""
+        events = (one for one in self._events((), task_id) if (one.block, one.log_index) < before)
+        return next((one for one in submissions_of(events) if one.attempt == attempt), None)
 
     def chain_record(self, attempt: Attempt) -> ChainRecord:
         """What the chain said when the attempt was judged, with today's roots of its days."""
@@ -329,7 +335,8 @@ def _assigned(event: DaoEvent) -> Attempt:
 
 
 def _ruled(attempt: Attempt, event: DaoEvent, reported: DaoEvent | None) -> None:
-    is_silent = not int(str(event.args["report"]), 16)
+    is_reported = reported is not None and reported.tx_hash == event.tx_hash
+    is_silent = not is_reported and not int(str(event.args["report"]), 16)
     if is_silent and not attempt.ruling:
         return  # nobody ruled: it ended with its window
     # Whoever could not decide makes the first ruling with that.
@@ -341,7 +348,7 @@ def _ruled(attempt: Attempt, event: DaoEvent, reported: DaoEvent | None) -> None
     if is_silent:
         return  # its judge was removed, and what it had said with it
     sha256 = str(event.args["report"]).lower()
-    if reported is not None and reported.tx_hash == event.tx_hash:
+    if is_reported and reported is not None:
         attempt.reason, attempt.report_uri = str(reported.args["reason"]), str(reported.args["report_uri"])
         attempt.by_people |= is_next
     elif sha256 != attempt.report_sha256:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
+from typing import NamedTuple
 
 from rodeo.bus.messages import Vote
 from rodeo.chain.contracts import events
@@ -33,9 +34,18 @@ APART_S = 3600
 SOC_FROM = 0.94
 """From there on a charge takes some minutes."""
 PRICE_IEC = Decimal(10)
-Said = tuple[Outcome, str]
-"""What the oracle says of a task: {act} in the reason is the charge, {first} the first task with it."""
-ACCEPTED: Said = ("accepted", "accepted")
+
+
+class Said(NamedTuple):
+    """What the oracle says of a task."""
+
+    ruling: Outcome = "accepted"
+    reason: str = "accepted"
+    """{act} in it is the charge, {first} the first task that was posted for it."""
+    is_reported: bool = True
+    """Whether the chain has the hash of a report."""
+
+
 OTHER_RULES = "0x" + "ab" * 32
 
 
@@ -82,7 +92,7 @@ class Settled:
         rules: str | None = None,
         receipts: bool = True,
         named: str | None = None,
-        said: Sequence[Said] = (ACCEPTED,),
+        said: Sequence[Said] = (Said(),),
     ) -> list[int]:
         """Numbers of tasks for which one charge is submitted: as many as are `said` something of. Without
         `receipts` the robot signed none of it. Executors submit `named` as their proofs' URI, if given;
@@ -101,11 +111,11 @@ class Settled:
         assigned = [self._post(rules or self.rules) for _ in said]
         proofs = [self._seal(take, one) for one in assigned]
         self.clock.now_s = int(take.end_s) + 4
-        for one, (sha256, uri), (ruling, reason) in zip(assigned, proofs, said, strict=True):
+        for one, (sha256, uri), words in zip(assigned, proofs, said, strict=True):
             uri = (named or uri).replace("{file}", uri.rpartition("/")[2])
             self._submit(one, sha256, uri)
-            reason = reason.format(act=self.act, first=assigned[0].task_id)
-            self._rule(one, sha256, rules or self.rules, ruling, reason)
+            words = words._replace(reason=words.reason.format(act=self.act, first=assigned[0].task_id))
+            self._rule(one, sha256, rules or self.rules, words)
         return [one.task_id for one in assigned]
 
     def _post(self, rules: str) -> events.TaskAssigned:
@@ -149,9 +159,7 @@ class Settled:
         submitted = calls.submit_proof(assigned.task_id, assigned.attempt, bytes.fromhex(sha256[2:]), uri)
         self.organization.send(self.organization.operator, submitted)
 
-    def _rule(
-        self, assigned: events.TaskAssigned, sha256: str, rules: str, ruling: Outcome, reason: str
-    ) -> None:
+    def _rule(self, assigned: events.TaskAssigned, sha256: str, rules: str, said: Said) -> None:
         """Whatever the proof shows: no oracle has looked at it."""
         organization = self.organization
         task_id, attempt = assigned.task_id, assigned.attempt
@@ -160,7 +168,7 @@ class Settled:
             kind=KIND,
             task_id=task_id,
             attempt=attempt,
-            acts=[self.act] if ruling == "accepted" else [],
+            acts=[self.act],
             rules_sha256=rules,
         )
         report_uri, report_sha256 = self.store.put_bytes(report.to_bytes(), ".json")
@@ -168,12 +176,12 @@ class Settled:
             task_id=task_id,
             attempt=attempt,
             proof_sha256=sha256,
-            report_sha256=report_sha256,
+            report_sha256=report_sha256 if said.is_reported else "0x" + bytes(32).hex(),
             rules_sha256=rules,
-            ruling=ruling,
+            ruling=said.ruling,
             fault="nobody",
-            amount_iec=PRICE_IEC if ruling == "accepted" else Decimal(0),
-            reason=reason,
+            amount_iec=PRICE_IEC if said.ruling == "accepted" else Decimal(0),
+            reason=said.reason,
         )
         self.submitted[task_id] = vote
         judges = organization.client.judge_calls

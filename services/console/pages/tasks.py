@@ -269,7 +269,9 @@ class PostForm:
             params.offer_items(inside)
         item = self._shown().field("item")
         proposed = self._shown().proposed
-        if item is not None and item.value and self._place() == proposed != self._whereabouts(item.value):
+        if item is None or not state["items"].get(item.value, {}).get("fresh"):
+            return
+        if self._place() == proposed != self._whereabouts(item.value):
             self._item_chosen()  # nobody has typed another place
 
     def _shown(self) -> Parameters:

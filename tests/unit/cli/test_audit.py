@@ -31,12 +31,13 @@ from rodeo_cli.auditing.page import conclusions, page
 from rodeo_cli.auditing.reading import Attempt
 from rodeo_cli.auditing.summary import Summary
 from rodeo_cli.commands import app
+from rodeo_kinds.battery_charging.harness.film import KIND
 from services.bridge.errors import IndexUnusable
 from services.bridge.follower import Follower
 from tests.docs.text import ROOT
 from tests.support.organization import CHAIN_ID
 from tests.support.pool import served
-from tests.support.settled import ACCEPTED, OTHER_RULES, PRICE_IEC, Settled, settling
+from tests.support.settled import OTHER_RULES, PRICE_IEC, Said, Settled, settling
 from tests.support.site import LAB, free_port
 
 pytestmark = pytest.mark.long
@@ -109,7 +110,7 @@ class Shelf(SimpleHTTPRequestHandler):
 def settle(settled: Settled, wrong: str, named: str) -> dict[int, str]:
     """Settle a task; its number, where something is `wrong` with it."""
     if wrong == "acts":
-        *_, second = settled.settle(said=(ACCEPTED, ACCEPTED))
+        *_, second = settled.settle(said=(Said(), Said()))
         return {second: wrong}
     if wrong == "rules":
         (task,) = settled.settle(rules=OTHER_RULES, receipts=False)
@@ -128,70 +129,80 @@ def test_the_planted_verdicts_are_found_and_no_others(audited: Audited) -> None:
     assert not audited.summary.failed
 
 
-class Ruled(NamedTuple):
-    """Tasks by what became of them."""
-
-    spent: int
-    """Rejected, because an earlier one was paid for the same charge."""
-    accused: int
-    """The same, and it was not."""
-    late: int
-    """Rejected, because its file had not been handed over."""
-    people: int
-    """Passed on, and accepted by people."""
-    nobody: int
-    """Passed on, and decided by nobody."""
-
-
 SPENT = 'acts_unspent: "{act}" was paid for in task {first} attempt 1 as "{act}"'
 
 
+class Ruled(NamedTuple):
+    """An oracle that lies now and then, and people."""
+
+    settled: Settled
+    tasks: dict[str, int]
+    """By what became of them."""
+    summary: Summary
+
+    def findings(self, what: str) -> list[tuple[str, bool]]:
+        """Of the task: what, and whether the verdict would be another one."""
+        (one,) = (one for one in self.summary.verdicts if one.attempt.task_id == self.tasks[what])
+        return [(found.what, found.wrong) for found in one.findings]
+
+
 @pytest.fixture(scope="module")
-def ruled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Ruled, Summary, Settled]]:
-    """Honest charges that were not paid for as they should have been, or by people."""
+def ruled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ruled]:
     folder = tmp_path_factory.mktemp("ruled")
     with settling(folder) as settled:
-        first, spent = settled.settle(said=(ACCEPTED, ("rejected", SPENT)))
-        (accused,) = settled.settle(said=[("rejected", SPENT.replace("{first}", str(first)))])
-        (late,) = settled.settle(
-            said=[("rejected", "fetched: proof_not_found: the executor did not send it")]
-        )
-        people, nobody = (settled.settle(said=[("undecided", "bin_camera: unclear")])[0] for _ in range(2))
-        settled.have_people_accept(people)
-        settled.conclude(nobody)
-        yield Ruled(spent, accused, late, people, nobody), examined(settled, folder / "audit"), settled
+        settle, tasks = settled.settle, dict[str, int]()
+        refused, unclear = Said("rejected", SPENT), Said("undecided", "bin_camera: unclear")
+        tasks["paid"], tasks["spent"] = settle(said=(Said(), refused))
+        of_another = Said("rejected", SPENT.replace("{first}", str(tasks["paid"])))
+        (tasks["of another charge"],) = settle(said=[of_another])
+        tasks["refused first"], tasks["never paid"] = settle(said=(Said("rejected", "energy: none"), refused))
+        (tasks["late"],) = settle(said=[Said("rejected", "fetched: the executor did not send it")])
+        (tasks["excused"],) = settle(said=[Said("accepted", "fetched: it is fine")], receipts=False)
+        (tasks["unreported"],) = settle(said=[Said(is_reported=False)])
+        tasks["people"], tasks["again"] = settle(said=(unclear, Said()))
+        (tasks["nobody"],) = settle(said=[unclear])
+        settled.have_people_accept(tasks["people"])
+        settled.conclude(tasks["nobody"])
+        yield Ruled(settled, tasks, examined(settled, folder / "audit"))
 
 
-def test_what_was_refused_as_claimed_before_is_right_if_it_was(
-    ruled: tuple[Ruled, Summary, Settled],
-) -> None:
-    tasks, summary, _ = ruled
-    wrong = {one.attempt.task_id: one.findings[0] for one in summary.wrong}
-    assert wrong.keys() == {tasks.accused, tasks.nobody}
-    assert "the chain has rejected; today it is accepted" in wrong[tasks.accused].detail
+def test_what_was_refused_as_claimed_before_is_right_only_if_that_was_paid_for(ruled: Ruled) -> None:
+    assert ruled.findings("spent") == []
+    for what in ("of another charge", "refused first", "never paid"):
+        assert ruled.findings(what) == [("verdict", True)]
 
 
-def test_what_could_be_judged_and_was_passed_on_is_found(ruled: tuple[Ruled, Summary, Settled]) -> None:
-    tasks, summary, _ = ruled
-    (found,) = (one.findings[0].detail for one in summary.wrong if one.attempt.task_id == tasks.nobody)
-    assert "the chain has passed on; today it is accepted" in found
+def test_what_people_were_paid_for_is_not_paid_again(ruled: Ruled) -> None:
+    assert ruled.findings("people") == []
+    assert ruled.findings("again") == [("acts", True)]
 
 
-def test_an_oracle_is_not_blamed_for_a_file_that_came_later(ruled: tuple[Ruled, Summary, Settled]) -> None:
-    tasks, summary, _ = ruled
-    (late,) = (one for one in summary.verdicts if one.attempt.task_id == tasks.late)
-    assert [(one.what, one.wrong) for one in late.findings] == [("file", False)]
-    assert "did not send it" in late.findings[0].detail
+def test_what_could_be_judged_and_was_passed_on_is_found(ruled: Ruled) -> None:
+    assert ruled.findings("nobody") == [("verdict", True)]
 
 
-def test_what_people_decided_is_not_judged_again_nor_counted_in_a_bound(
-    ruled: tuple[Ruled, Summary, Settled],
-) -> None:
-    tasks, summary, settled = ruled
-    (one,) = (one for one in summary.verdicts if not one.today)
-    assert (one.attempt.task_id, one.unjudged, one.failed) == (tasks.people, "no oracle decided this", False)
-    assert not one.findings
-    assert examined(settled, settled.organization.site.data_dir / "sampled", sample=9).known == 5
+def test_an_oracle_is_not_blamed_for_a_file_that_came_later_and_no_payment_is_excused(ruled: Ruled) -> None:
+    assert ruled.findings("late") == [("file", False)]
+    assert ruled.findings("excused") == [("verdict", True)]
+
+
+def test_a_payment_without_a_report_is_found(ruled: Ruled) -> None:
+    assert ruled.findings("unreported") == [("report", True)]
+
+
+def test_what_people_decided_is_not_judged_again_nor_counted_in_a_bound(ruled: Ruled) -> None:
+    (one,) = (one for one in ruled.summary.verdicts if not one.today)
+    assert (one.attempt.task_id, one.unjudged) == (ruled.tasks["people"], "no oracle decided this")
+    assert not one.failed
+    folder = ruled.settled.organization.site.data_dir / "sampled"
+    assert examined(ruled.settled, folder, sample=20).known == len(ruled.tasks) - 1
+
+
+def test_a_kind_that_the_site_file_does_not_list_is_no_right_verdict(ruled: Ruled, tmp_path: Path) -> None:
+    site = ruled.settled.organization.site
+    without = site.model_copy(update={"kinds": [one for one in site.kinds if one.name != KIND]})
+    some = examine(without, Deployment.load(site.data_dir, CHAIN_ID), tmp_path, sample=2)
+    assert [one.unjudged for one in some.failed] == 2 * ["the site file does not list this kind"]
 
 
 def test_each_finding_says_why(audited: Audited) -> None:

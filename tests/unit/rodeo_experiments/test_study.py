@@ -91,6 +91,12 @@ def test_what_a_variation_says_can_be_set() -> None:
     assert [one["battery"]["idle_power_w"] for one in asked.tables["robots"]] == [90.0]
 
 
+def test_what_is_set_counts_also_where_a_variation_sets_it(tmp_path: Path) -> None:
+    found = asked(unlisted=True, **{"agent.explore_min_per_h": 4.0, "experiment.arrivals": 20})
+    assert found.tables["agent"]["explore_min_per_h"] == 4.0
+    assert len(found.times_s) == 20
+
+
 def test_another_file_behind_the_same_name_is_another_run(tmp_path: Path) -> None:
     site, scene = tmp_path / "site.toml", tmp_path / "map.yaml"
     site.write_text(f'extends = "{PAPER}"\n')
