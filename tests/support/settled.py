@@ -114,8 +114,8 @@ class Settled:
         for one, (sha256, uri), words in zip(assigned, proofs, said, strict=True):
             uri = (named or uri).replace("{file}", uri.rpartition("/")[2])
             self._submit(one, sha256, uri)
-            words = words._replace(reason=words.reason.format(act=self.act, first=assigned[0].task_id))
-            self._rule(one, sha256, rules or self.rules, words)
+            reason = words.reason.format(act=self.act, first=assigned[0].task_id)
+            self._rule(one, sha256, rules or self.rules, Said(words.ruling, reason, words.is_reported))
         return [one.task_id for one in assigned]
 
     def _post(self, rules: str) -> events.TaskAssigned:

@@ -141,7 +141,7 @@ class Ruled(NamedTuple):
     summary: Summary
 
     def findings(self, what: str) -> list[tuple[str, bool]]:
-        """Of the task: what, and whether the verdict would be another one."""
+        """Kind of each finding of the task, and whether the verdict would be another one."""
         (one,) = (one for one in self.summary.verdicts if one.attempt.task_id == self.tasks[what])
         return [(found.what, found.wrong) for found in one.findings]
 
