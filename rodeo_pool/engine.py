@@ -95,7 +95,7 @@ class Dask:
         self._threads: dict[str, int] = {}
         """By worker."""
         self._failed: dict[str, set[str]] = {}
-        """Job -> workers that failed at it, which are not asked again; of any job (""), those that differ."""
+        """Job -> workers that failed at it, which are not asked again."""
         self._room = Room(_SENT_BYTES)
         self.places = 0
         self._count()
@@ -118,7 +118,7 @@ class Dask:
             others = self._others(job)
             future = self._client.submit(work, question, longest_s, key=key, workers=others)
             try:
-                self._wait(future, stop, time.monotonic() + _PATIENCE * longest_s)
+                self._wait(future, stop, time.monotonic() + _PATIENCE * longest_s, others)
                 answer = self._answer(future, others)
                 self._works[job.work].check(job, answer)
                 return answer
@@ -133,11 +133,8 @@ class Dask:
             raise WorkerLost("the pool was cut off", reason=repr(error)[:200]) from error
 
     def _others(self, job: Job) -> list[str] | None:
-        """The workers that have not failed at this job; None for any. Raises WorkerDiffers if all differ."""
-        differ = self._failed.get("", set())
-        if self._threads and self._threads.keys() <= differ:
-            raise WorkerDiffers("every worker of the pool differs")
-        failed = self._failed.get(job.key, set()) | differ
+        """The workers that have not failed at this job; None for any."""
+        failed = self._failed.get(job.key, set())
         return [one for one in self._threads if one not in failed] or None if failed else None
 
     def _blame(self, job: Job, error: JobError, future: Future[bytes]) -> None:
@@ -145,8 +142,7 @@ class Dask:
         if (worker := self._where(future)) is None:
             return
         error.details["machine"] = get_address_host(worker)
-        of = "" if isinstance(error, WorkerDiffers) else job.key
-        self._failed.setdefault(of, set()).add(worker)
+        self._failed.setdefault(job.key, set()).add(worker)
 
     def _count(self) -> None:
         """Raises EngineGone where the scheduler hangs."""
@@ -199,7 +195,9 @@ class Dask:
         except ValueError as error:
             raise JobFailed("the question cannot be sent", reason=str(error)) from error
 
-    def _wait(self, future: Future[bytes], stop: threading.Event, until_s: float) -> None:
+    def _wait(
+        self, future: Future[bytes], stop: threading.Event, until_s: float, others: list[str] | None
+    ) -> None:
         """Raises Interrupted, EngineGone, WorkerLost."""
         ended = threading.Event()
         future.add_done_callback(lambda _: ended.set())
@@ -210,6 +208,8 @@ class Dask:
             self._count()
             if time.monotonic() > until_s:
                 raise WorkerLost("the pool has not done the job in time")
+            if others is not None and not self._threads.keys() & others:
+                raise WorkerLost("the other workers have left the pool")  # dask waits for them
 
     def _answer(self, future: Future[bytes], others: list[str] | None) -> bytes:
         """Raises JobError."""
