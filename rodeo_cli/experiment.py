@@ -198,7 +198,7 @@ def _days(base: Path, out: Path, vary: Variation, source: str, resume: bool) -> 
 
     path, record, options = out / "site.toml", out / "run.json", _options(base, vary, source)
     if resume and path.exists():
-        times = Begun.load(out, base, options).times_s
+        times = Begun.load(out, base, options, record.exists()).times_s
         site = site_again(path)
     else:
         site = Site.load(write_site(base, out, vary))

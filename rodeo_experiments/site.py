@@ -134,9 +134,9 @@ class Begun(BaseModel):
         replace_file(folder / _BEGUN, self.model_dump_json(indent=2) + "\n")
 
     @classmethod
-    def load(cls, folder: Path, base: Path, options: dict[str, Any]) -> Begun:
+    def load(cls, folder: Path, base: Path, options: dict[str, Any], complete: bool = False) -> Begun:
         """Raises ExperimentFailed where an option is given that had another value, nothing was begun, or the
-        code or the site file `base` changed since."""
+        site file `base` or, of a run that is not complete, the code changed since."""
         try:
             begun = cls.model_validate_json((folder / _BEGUN).read_bytes())
         except (OSError, ValidationError) as error:
@@ -154,7 +154,7 @@ class Begun(BaseModel):
             ("the code", begun.code_sha256, code_sha256()),
             ("the site file", begun.site_sha256, site_sha256(Path(begun.options.get("site") or base))),
         ):
-            if before != now:
+            if before != now and not (complete and what == "the code"):
                 raise ExperimentFailed(
                     f"{what} has changed since this run was begun: begin it again", path=str(folder)
                 )

@@ -7,6 +7,7 @@ import re
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -34,6 +35,13 @@ _REPORT_BYTES = 16 << 20
 _PAID = ("accepted", "impossible")
 """Rulings that pay the executor."""
 _FETCHED, _ENDED = "fetched: ", f"{ENDED}: "
+_OF_THEN = {
+    "rejected": (_FETCHED,),
+    "void": (_FETCHED, _ENDED, "rules: no oracle "),
+    "given_up": (_ENDED,),
+}
+"""Ruling -> beginnings of reasons that were so at that time and need not be today: what was not handed over,
+machines that were too slow, and rules that nobody had."""
 _SPENT = re.compile(
     r'acts_unspent: ".*"(?:\.\.\.)? (?:was|is|has) [a-z ]+ in '
     r"task (?P<task>\d{1,18}) attempt (?P<attempt>\d{1,3}) "
@@ -113,8 +121,10 @@ class Audit:
                 verdict = Verdict(attempt, task.kind, task.rules_sha256)
                 if attempt.by_people:
                     verdict.unjudged = "no oracle decided this"
-                elif task.kind not in self._kinds:
-                    verdict.failed, verdict.unjudged = True, "the site file does not list this kind"
+                elif attempt.judge != "oracle":
+                    verdict.failed, verdict.unjudged = True, "another contract judges this kind"
+                elif self._kinds.by_people(task.kind):
+                    verdict.failed, verdict.unjudged = True, "the site file has no checks for this kind"
                 if verdict.unjudged:
                     ready.append(verdict)
                     continue
@@ -144,44 +154,47 @@ class Audit:
         report, attempt = Report.model_validate_json(done.answer), verdict.attempt
         verdict.today, verdict.reason, verdict.acts = report.outcome, report.reason, tuple(report.acts)
         verdict.same_report = attempt.report_sha256 in _hashes(report)
-        if not _agrees(attempt, report):
-            if report.reason.startswith(_ENDED):
-                # Of an oracle that is a verdict. Here it says that this machine is too slow, or too small.
-                verdict.failed, verdict.today, verdict.unjudged = True, "", report.reason
-                return
-            try:
-                if self._is_spent(attempt, report.acts):
-                    verdict.today, verdict.reason = attempt.ruling, attempt.reason
-                    return
-            except StoreUnavailable as error:
-                verdict.failed, verdict.today = True, ""
-                verdict.unjudged = f"another report cannot be read: {error}"
-                return
-            except (EvidenceError, MalformedAct) as error:
-                log.warning("%s: this cannot be checked: %s", quoted(attempt.reason), error)
-        verdict.findings += _compared(verdict, report, self._verify.rules.get(verdict.kind))
+        agrees = _agrees(attempt, report)
+        if report.reason.startswith(_ENDED) and not (agrees and attempt.reason.startswith(_ENDED)):
+            # Of an oracle that is a verdict. Here it says that this machine is too slow, or too small.
+            verdict.failed, verdict.today, verdict.unjudged = True, "", report.reason
+        elif not agrees and attempt.reason.startswith(_OF_THEN.get(attempt.ruling, ())):
+            verdict.failed, verdict.today = True, ""
+            said = f"the chain has {attempt.ruling}: {quoted(attempt.reason)}"
+            verdict.unjudged = f"{said}; today it is {report.outcome}, and nobody can tell what was so then"
+        elif not agrees and (spent := self._spent(attempt, report.acts)) is not None:
+            verdict.today, verdict.reason = attempt.ruling, attempt.reason
+            if spent:
+                verdict.failed, verdict.today, verdict.unjudged = True, "", spent
+        else:
+            verdict.findings += _compared(verdict, report, self._verify.rules.get(verdict.kind))
 
     def _settle(self, verdict: Verdict) -> Verdict:
         """With what chain and store say beside its proof."""
         verdict.findings += [*_payment(verdict.attempt), *self._report(verdict)]
         return verdict
 
-    def _is_spent(self, attempt: Attempt, acts: Iterable[str]) -> bool:
-        """Whether the attempt that a refusal names had claimed the same before: it was accepted then, or it
-        was of the same executor and might still be. Raises EvidenceError, MalformedAct."""
+    def _spent(self, attempt: Attempt, acts: Iterable[str]) -> str | None:
+        """Empty where the attempt that a refusal names had claimed the same before: it was accepted then, or
+        it was of the same executor and might still be. A sentence where that cannot be read; else None."""
         named = _SPENT.match(attempt.reason)
         if named is None or attempt.ruling in _PAID:
-            return False
+            return None
         by = self._history.submission(int(named["task"]), int(named["attempt"]), attempt.ruled)
         if by is None or by.key == (attempt.task_id, attempt.number):
-            return False
-        claimed = [Act.parse(act) for act in acts]
-        return (by.accepted or (by.stands and by.executor == attempt.executor)) and any(
-            act.overlaps(Act.parse(other))
-            for uri, sha256 in by.reports
-            for other in acts_listed(self._fetched(uri, sha256), sha256)
-            for act in claimed
-        )
+            return None
+        if not (by.accepted or (by.stands and by.executor == attempt.executor)):
+            return None
+        unread = None
+        for uri, digest in by.reports:
+            try:
+                listed = _acts(acts_listed(self._fetched(uri, digest), digest))
+            except EvidenceError as error:
+                unread = f"what it is said to claim again cannot be read: {in_words(error)}"
+                continue
+            if any(act.overlaps(other) for act in _acts(acts) for other in listed):
+                return ""
+        return unread
 
     def _fetched(self, uri: str, sha256: str) -> bytes:
         """A report. Raises EvidenceError."""
@@ -201,7 +214,11 @@ class Audit:
             return
         if attempt.ruling != "accepted":
             return
-        for text in {*verdict.acts, *acts_listed(data, attempt.report_sha256), *self._passed_on(attempt)}:
+        listed = acts_listed(data, attempt.report_sha256)
+        if verdict.today == "accepted" and verdict.rules_sha256 == self._verify.rules.get(verdict.kind):
+            for text in sorted(set(listed) - set(verdict.acts)):  # others would be refused for it
+                yield Finding("report", f"the report lists {quoted(text)}, which the proof does not show")
+        for text in {*verdict.acts, *listed, *self._passed_on(attempt)}:
             try:
                 act = Act.parse(text)
             except MalformedAct as error:
@@ -242,17 +259,13 @@ def _emptied(ready: list[Verdict]) -> list[Verdict]:
 def _compared(verdict: Verdict, report: Report, rules_sha256: str | None) -> Iterator[Finding]:
     """How the chain's verdict differs from today's."""
     attempt, other_rules = verdict.attempt, verdict.rules_sha256 != rules_sha256
+    if report.reason.startswith(_FETCHED) and not attempt.reason.startswith(_FETCHED):
+        yield Finding("file", report.reason.removeprefix(_FETCHED))
+        return
     if not _agrees(attempt, report):
-        if report.reason.startswith(_FETCHED):
-            yield Finding("file", report.reason.removeprefix(_FETCHED))
-        elif attempt.ruling not in _PAID and attempt.reason.startswith((_FETCHED, _ENDED)):
-            # Nobody can tell today whether a file was handed over in time, or how slow a machine was.
-            detail = f"the chain has {attempt.ruling}: {quoted(attempt.reason)}; today it is {report.outcome}"
-            yield Finding("file", detail, wrong=False)
-        else:
-            ruled = "passed on" if attempt.passed_on else attempt.ruling
-            detail = f"the chain has {ruled}; today it is {report.outcome}: {report.reason}"
-            yield Finding("rules" if other_rules else "verdict", detail)
+        ruled = "passed on" if attempt.passed_on else attempt.ruling
+        detail = f"the chain has {ruled}; today it is {report.outcome}: {report.reason}"
+        yield Finding("rules" if other_rules else "verdict", detail)
         return
     if other_rules:
         now = rules_sha256 or "none"
@@ -289,8 +302,22 @@ def _payment(attempt: Attempt) -> Iterator[Finding]:
             yield Finding("payment", f"{attempt.payout} got {attempt.received_iec} of {attempt.paid_iec} IEC")
 
 
+def _acts(texts: Iterable[str]) -> list[Act]:
+    """Those that are acts."""
+    found = []
+    for text in texts:
+        with suppress(MalformedAct):  # as `ConsumedActs` has it
+            found.append(Act.parse(text))
+    return found
+
+
 def _claimed_twice(one: _Claim, other: _Claim) -> None:
-    first, second = sorted((one, other), key=lambda claim: claim.verdict.attempt.place)
+    """Find against the later: by acceptance where executors differ; one executor claims in its own order."""
+    attempts = one.verdict.attempt, other.verdict.attempt
+    is_own = attempts[0].executor == attempts[1].executor
+    first, second = sorted(
+        (one, other), key=lambda it: it.verdict.attempt.place if is_own else it.verdict.attempt.ruled
+    )
     by = first.verdict.attempt
     detail = (
         f"{quoted(second.act.text)} was paid for in task {by.task_id} attempt {by.number} "

@@ -14,12 +14,12 @@ from sqlalchemy.exc import DBAPIError
 
 from rodeo.bus.messages import DaoEvent, Device, Root, Task
 from rodeo.chain.client import connect, require_chain
+from rodeo.chain.contracts.types import ZERO_ADDRESS
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.node.errors import RpcFailed
 from rodeo.checks.acts import Submission, submissions_of
 from rodeo.checks.case import ChainRecord
 from rodeo.errors import RequestError
-from rodeo.kinds import kinds_of
 from rodeo.site.config import Site
 from rodeo.witness.days import day_of
 from services.bridge.contradiction import contradiction
@@ -66,7 +66,9 @@ class Attempt:
     passed_on: bool = False
     """Its judge could not decide, so that people could."""
     by_people: bool = False
-    """No oracle made the last ruling."""
+    """Auditors or the judges of a challenge made the last ruling, or its judge was removed."""
+    judge: str = ""
+    """Judge of its kind, as `judge_at` names it."""
     ended: str = ""
     """Name of the event that ended it."""
     end_block: int = 0
@@ -124,8 +126,10 @@ class History:
                 "the chain's index cannot be written", folder=str(folder), problem=str(error.orig)
             ) from error
         self.devices = [Device.model_validate(dict(one)) for one in self._index.rules.devices()]
-        self._owners = Owners(self.devices, str(deployment.address("Organization")), site)
-        self._kinds = kinds_of(site)
+        self._owners: dict[str, list[tuple[int, str]]] = defaultdict(list)
+        """Key -> its owners, each with the block from which it was."""
+        for one in self._events(("DeviceRegistered", "DeviceOwnerChanged")):
+            self._owners[str(one.args["device"])].append((one.block, str(one.args["owner"])))
         self._numbers = self._index.rules.numbers()
         self._removed: dict[int, tuple[int, int]] = {}
         """Number of a judge of a kind -> the place of its removal, which may be said again."""
@@ -200,20 +204,18 @@ class History:
         for attempt in reading.ended:
             attempt.received_iec = Decimal(reading.received[attempt.payout])
             if attempt.ruling and attempt.end_block >= first:
-                attempt.by_people |= self._is_peoples(attempt)
+                self._name_judge(attempt)
                 yield attempt
         reading.ended.clear()
         reading.received.clear()
 
-    def _is_peoples(self, attempt: Attempt) -> bool:
-        """Whether no oracle judges its task, or did not any more."""
+    def _name_judge(self, attempt: Attempt) -> None:
         row = self._index.tasks.get(attempt.task_id)
         assert row is not None  # its events were applied
-        known = self._numbers.get(row["number"])
-        ours = known is not None and judge_at(self._deployment.contracts, known["judge"]) == "oracle"
-        gone = attempt.ruled > self._removed.get(row["number"], attempt.ruled)
-        kind = self._kinds.get(row["kind"])
-        return gone or not ours or (kind is not None and kind.by_people)
+        known = self._numbers.get(row["number"]) or {"judge": ZERO_ADDRESS}
+        attempt.judge = judge_at(self._deployment.contracts, known["judge"])
+        is_removed = attempt.ruled > self._removed.get(row["number"], attempt.ruled)
+        attempt.by_people |= is_removed or attempt.judge == "auditor"
 
     def submission(
         self, task_id: int, attempt: int, before: tuple[int, int] = (sys.maxsize, 0)
@@ -226,10 +228,12 @@ class History:
         """What the chain said when the attempt was judged, with today's roots of its days."""
         row = self._index.tasks.get(attempt.task_id)
         assert row is not None  # its events were applied
-        task = Task.model_validate(task_json(row, self._owners, self._deployment.currency))
+        devices = self._owned(attempt.block)
+        owners = Owners(devices, str(self._deployment.address("Organization")), self._site)
+        task = Task.model_validate(task_json(row, owners, self._deployment.currency))
         task = Task.model_validate(task.model_dump() | _WITHOUT_END | attempt.assigned).model_copy(
             update={
-                "executor_name": self._owners.name(attempt.executor),
+                "executor_name": owners.name(attempt.executor),
                 "proof_submitted": attempt.submitted_s,
                 "proof_sha256": attempt.proof_sha256,
                 "proof_uri": attempt.proof_uri,
@@ -241,11 +245,24 @@ class History:
             task_manager=self._deployment.address("TaskManager"),
             organization=self._deployment.address("Organization"),
             task=task,
-            devices=self.devices,
+            devices=devices,
         )
         days = range(day_of(task.assigned or 0.0) - 1, day_of(attempt.submitted_s) + 2)
         roots = [root for day in days for root in self._by_day.get(day, ())]
         return as_of(record, attempt.block, self._keys).chain_record.model_copy(update={"roots": roots})
+
+    def _owned(self, block: int) -> list[Device]:
+        """The devices, with the owners that they had in a block."""
+        then = {
+            key: [owner for since, owner in owners if since <= block][-1:]
+            for key, owners in self._owners.items()
+        }
+        return [
+            one
+            if [one.owner] == then.get(one.address) or not then.get(one.address)
+            else one.model_copy(update={"owner": then[one.address][0]})
+            for one in self.devices
+        ]
 
     def _events(self, names: tuple[str, ...] = (), task_id: int | None = None) -> Iterator[DaoEvent]:
         """Those that are on the chain, in its order; of all names and tasks, unless some are asked for."""
@@ -339,6 +356,9 @@ def _ruled(attempt: Attempt, event: DaoEvent, reported: DaoEvent | None) -> None
     is_silent = not is_reported and not int(str(event.args["report"]), 16)
     if is_silent and not attempt.ruling:
         return  # nobody ruled: it ended with its window
+    sha256 = str(event.args["report"]).lower()
+    if not is_reported and (attempt.ruling, attempt.report_sha256) == (event.args["ruling"], sha256):
+        return  # a challenge: the same ruling stands longer
     # Whoever could not decide makes the first ruling with that.
     is_next = attempt.passed_on and attempt.ruling != ""
     attempt.ruling = str(event.args["ruling"])
@@ -347,7 +367,6 @@ def _ruled(attempt: Attempt, event: DaoEvent, reported: DaoEvent | None) -> None
     attempt.ruled = event.block, event.log_index
     if is_silent:
         return  # its judge was removed, and what it had said with it
-    sha256 = str(event.args["report"]).lower()
     if is_reported and reported is not None:
         attempt.reason, attempt.report_uri = str(reported.args["reason"]), str(reported.args["report_uri"])
         attempt.by_people |= is_next

@@ -22,7 +22,7 @@ from rodeo.evidence.store import Store
 from rodeo.judging.votes import finding
 from rodeo.kinds import kinds_of
 from rodeo.money.currency import IEC
-from rodeo.signing import wallets
+from rodeo.signing import keystores, possession, wallets
 from rodeo.site.config import Site
 from rodeo_kinds.battery_charging.harness.film import KIND, film_charging, register_after
 from rodeo_testing.recordings import REGISTER_WH, ROBOT_RECEIPT, Sides, Take, Witnesses, seal
@@ -44,6 +44,8 @@ class Said(NamedTuple):
     """{act} in it is the charge, {first} the first task that was posted for it."""
     is_reported: bool = True
     """Whether the chain has the hash of a report."""
+    more: str = ""
+    """What the report claims of the meter beside."""
 
 
 OTHER_RULES = "0x" + "ab" * 32
@@ -115,7 +117,7 @@ class Settled:
             uri = (named or uri).replace("{file}", uri.rpartition("/")[2])
             self._submit(one, sha256, uri)
             reason = words.reason.format(act=self.act, first=assigned[0].task_id)
-            self._rule(one, sha256, rules or self.rules, Said(words.ruling, reason, words.is_reported))
+            self._rule(one, sha256, rules or self.rules, Said(words.ruling, reason, *words[2:]))
         return [one.task_id for one in assigned]
 
     def _post(self, rules: str) -> events.TaskAssigned:
@@ -168,7 +170,7 @@ class Settled:
             kind=KIND,
             task_id=task_id,
             attempt=attempt,
-            acts=[self.act],
+            acts=[self.act, *([f"meter/{self.meter.address.lower()}{said.more}"] if said.more else [])],
             rules_sha256=rules,
         )
         report_uri, report_sha256 = self.store.put_bytes(report.to_bytes(), ".json")
@@ -193,6 +195,18 @@ class Settled:
         vote = self.submitted[task_id].model_copy(update={"ruling": "accepted", "amount_iec": PRICE_IEC})
         judge = client.deployment.address("OracleJudge")
         self.organization.send(people, client.judge_calls.auditor.rule_for(judge, finding(vote, IEC), ""))
+
+    def sell_meter(self) -> None:
+        """The meter gets another owner."""
+        client, owner = self.organization.client, self.organization.robot.address
+        registry, device = client.deployment.address("DeviceRegistry"), self.meter.address
+        nonce = client.devices.nonce(device)
+        signature = possession.sign(self.meter, owner, nonce, CHAIN_ID, registry)
+        r, vs = bytes.fromhex(signature[2:66]), bytes.fromhex(signature[66:])
+        site = self.organization.site
+        role, name = keystores.device_names(site)[f"{site.docks[0].name}-device"]
+        call = client.organization_calls.register_device(device, role, owner, name, r, vs)
+        self.organization.send(self.organization.operator, call)
 
     def conclude(self, task_id: int) -> None:
         """Once nobody can rule on it any more."""

@@ -159,11 +159,19 @@ def ruled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ruled]:
         (tasks["late"],) = settle(said=[Said("rejected", "fetched: the executor did not send it")])
         (tasks["excused"],) = settle(said=[Said("accepted", "fetched: it is fine")], receipts=False)
         (tasks["unreported"],) = settle(said=[Said(is_reported=False)])
+        (tasks["forged report"],) = settle(said=[Said(more="/register/1.0000-9000.0000")])
+        (tasks["refused and lost"],) = settle(said=[Said("rejected", "energy: none")])
+        settled.files[tasks["refused and lost"]].unlink()
         tasks["people"], tasks["again"] = settle(said=(unclear, Said()))
         (tasks["nobody"],) = settle(said=[unclear])
         settled.have_people_accept(tasks["people"])
         settled.conclude(tasks["nobody"])
+        settled.sell_meter()
         yield Ruled(settled, tasks, examined(settled, folder / "audit"))
+
+
+def test_what_a_device_signed_for_its_owner_of_then_stays_valid(ruled: Ruled) -> None:
+    assert ruled.findings("paid") == []
 
 
 def test_what_was_refused_as_claimed_before_is_right_only_if_that_was_paid_for(ruled: Ruled) -> None:
@@ -182,8 +190,18 @@ def test_what_could_be_judged_and_was_passed_on_is_found(ruled: Ruled) -> None:
 
 
 def test_an_oracle_is_not_blamed_for_a_file_that_came_later_and_no_payment_is_excused(ruled: Ruled) -> None:
-    assert ruled.findings("late") == [("file", False)]
+    (late,) = (one for one in ruled.summary.failed)
+    assert late.attempt.task_id == ruled.tasks["late"]
+    assert "did not send it" in late.unjudged and not late.wrong
     assert ruled.findings("excused") == [("verdict", True)]
+
+
+def test_a_refusal_is_not_right_because_the_file_is_gone(ruled: Ruled) -> None:
+    assert ruled.findings("refused and lost") == [("file", True)]
+
+
+def test_what_a_report_claims_beside_the_proof_is_found(ruled: Ruled) -> None:
+    assert ruled.findings("forged report") == [("report", True)]
 
 
 def test_a_payment_without_a_report_is_found(ruled: Ruled) -> None:
@@ -191,9 +209,8 @@ def test_a_payment_without_a_report_is_found(ruled: Ruled) -> None:
 
 
 def test_what_people_decided_is_not_judged_again_nor_counted_in_a_bound(ruled: Ruled) -> None:
-    (one,) = (one for one in ruled.summary.verdicts if not one.today)
+    (one,) = (one for one in ruled.summary.verdicts if not one.today and not one.failed)
     assert (one.attempt.task_id, one.unjudged) == (ruled.tasks["people"], "no oracle decided this")
-    assert not one.failed
     folder = ruled.settled.organization.site.data_dir / "sampled"
     assert examined(ruled.settled, folder, sample=20).known == len(ruled.tasks) - 1
 
@@ -202,7 +219,7 @@ def test_a_kind_that_the_site_file_does_not_list_is_no_right_verdict(ruled: Rule
     site = ruled.settled.organization.site
     without = site.model_copy(update={"kinds": [one for one in site.kinds if one.name != KIND]})
     some = examine(without, Deployment.load(site.data_dir, CHAIN_ID), tmp_path, sample=2)
-    assert [one.unjudged for one in some.failed] == 2 * ["the site file does not list this kind"]
+    assert [one.unjudged for one in some.failed] == 2 * ["the site file has no checks for this kind"]
 
 
 def test_each_finding_says_why(audited: Audited) -> None:

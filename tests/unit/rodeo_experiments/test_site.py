@@ -143,6 +143,16 @@ def test_a_run_goes_on_only_with_what_it_was_begun_with(
         Begun.load(tmp_path, PAPER, {})
 
 
+def test_a_complete_run_is_reported_again_by_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Begun.now(PAPER, {}, [1.5]).save(tmp_path)
+    monkeypatch.setattr("rodeo_experiments.site.code_sha256", lambda: "another")
+    with pytest.raises(ExperimentFailed, match="the code has changed"):
+        Begun.load(tmp_path, PAPER, {})
+    assert Begun.load(tmp_path, PAPER, {}, complete=True).times_s == [1.5]
+
+
 def test_a_run_does_not_go_on_once_its_site_file_has_changed(tmp_path: Path) -> None:
     base = tmp_path / "base.toml"
     base.write_text(f'extends = "{PAPER}"\n')
