@@ -66,7 +66,11 @@ class Store:
         uri = self.uri_of(digest, path.suffix)
         with _reached(uri):
             filesystem, target = self._open(uri)
-            if self._stored(filesystem, target) != digest:
+            try:
+                there = self._stored(filesystem, target)
+            except ProofTooLarge:  # whatever it is, it is not this file
+                there = None
+            if there != digest:
                 try:
                     upload(filesystem, path, target)
                 except FileNotFoundError as error:

@@ -253,16 +253,11 @@ class History:
 
     def _owned(self, block: int) -> list[Device]:
         """The devices, with the owners that they had in a block."""
-        then = {
-            key: [owner for since, owner in owners if since <= block][-1:]
-            for key, owners in self._owners.items()
-        }
-        return [
-            one
-            if [one.owner] == then.get(one.address) or not then.get(one.address)
-            else one.model_copy(update={"owner": then[one.address][0]})
-            for one in self.devices
-        ]
+        found = []
+        for one in self.devices:
+            owners = [owner for since, owner in self._owners[one.address] if since <= block]
+            found.append(one.model_copy(update={"owner": owners[-1]}) if owners else one)
+        return found
 
     def _events(self, names: tuple[str, ...] = (), task_id: int | None = None) -> Iterator[DaoEvent]:
         """Those that are on the chain, in its order; of all names and tasks, unless some are asked for."""

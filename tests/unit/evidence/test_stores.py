@@ -118,6 +118,15 @@ def test_what_is_put_is_fetched_by_its_hash(store: Store, proof: Path, tmp_path:
     assert store.fetch(uri, HASH, folder=tmp_path / "fetched").read_bytes() == DATA
 
 
+def test_what_is_too_large_at_a_files_place_is_replaced(proof: Path, tmp_path: Path) -> None:
+    store = store_at(f"file://{tmp_path}/shelf", tmp_path, max_bytes=4 << 20)
+    squatter = tmp_path / "shelf" / f"{HASH[2:]}.mcap"
+    squatter.parent.mkdir()
+    squatter.write_bytes(bytes(5 << 20))
+    store.put(proof)
+    assert squatter.read_bytes() == DATA
+
+
 def test_options_of_the_site_s_store_are_not_those_of_another_allowed_one(
     shelf: tuple[str, dict[str, bytes]], s3: dict[str, Any], proof: Path, tmp_path: Path
 ) -> None:
