@@ -22,7 +22,7 @@ import pytest
 import schemathesis
 from eth_account import Account
 from hypothesis import HealthCheck, settings
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi.checks import negative_data_rejection, positive_data_acceptance
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -292,11 +292,16 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
         "mimeType": "image/png",
         "buffer": encode(np.zeros((8, 8, 3), np.uint8), ".png"),
     }
-    page.locator("input[type=file]").set_input_files(photo)
-    expect(page.locator(".q-uploader__file--uploaded")).to_be_visible()
-    desk.accounts.change_user(operator, [], None)
-    page.get_by_role("button", name="Review and post").click()
+    held: list[Route] = []
+    page.route("**/upload/*", lambda route: held.append(route))
+    with page.expect_request("**/upload/*"):
+        page.locator("input[type=file]").set_input_files(photo)
+    review = page.get_by_role("button", name="Review and post")
+    review.click()
+    expect(review).to_be_disabled()  # the photo is still on its way
+    held.pop().continue_()
     expect(page.get_by_role("dialog").get_by_text(re.compile(r"^[0-9a-f]{64}\.png$"))).to_be_visible()
+    desk.accounts.change_user(operator, [], None)
     page.get_by_role("button", name="Pay 100 IEC into escrow").click()
     expect(page.get_by_text("This needs the role operator")).to_be_visible()
     page.close()

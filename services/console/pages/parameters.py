@@ -68,6 +68,12 @@ class Parameters:
         """The field of this format, if there is one."""
         return next((self.fields[name] for name, one in self._properties.items() if _form(one) == form), None)
 
+    async def photos_taken(self, button: ui.button) -> None:
+        """Wait for photos that are on their way, as `FileDrop.all_taken` does."""
+        for field in self.fields.values():
+            if isinstance(field, PhotoField):
+                await field.all_taken(button)
+
     def values(self) -> Json:
         """Values of the fields; empty ones are left out. Raises MalformedJson."""
         if self._whole is not None:
@@ -114,9 +120,9 @@ class PhotoField(widgets.FileDrop):
         super().__init__(
             f"or drop it here. {label} (JPEG or PNG)",
             "image/jpeg,image/png",
+            self._keep,
             max_file_size=MAX_PHOTO_BYTES,
             max_files=1,
-            on_upload=self._take,
             on_rejected=lambda: ui.notify("One JPEG or PNG picture of at most 8 MB", type="warning"),
         )
         self.classes("whole")
@@ -147,7 +153,7 @@ class PhotoField(widgets.FileDrop):
         self.value, self._name = None, name
         self._changed()
 
-    async def _take(self, event: UploadEventArguments) -> None:
+    async def _keep(self, event: UploadEventArguments) -> None:
         self._set(await frame.asked(photos.keep, self._site, await event.file.read()))
 
 

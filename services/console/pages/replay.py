@@ -58,8 +58,8 @@ class _Side:
                 widgets.FileDrop(
                     "or drop a recording here",
                     ".mcap",
+                    self._dropped,
                     max_file_size=_MAX_BYTES,
-                    on_upload=self._dropped,
                     on_rejected=lambda: ui.notify(f"At most {_MAX_BYTES >> 20} MB", type="warning"),
                 )
             self._told = widgets.Text("p", "", "soft").props('aria-live="polite"')

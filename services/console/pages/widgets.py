@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
+from nicegui.events import UploadEventArguments
 
 from rodeo.bus.messages import Task
 from rodeo.display.formatting import STATE_COLOURS, count, kind, short
@@ -193,8 +195,16 @@ def progress_bar(value: float, label: str) -> None:
 class FileDrop(ui.upload):
     """Takes files that are dropped on it, or chosen with its button. `words` follow those of the button."""
 
-    def __init__(self, words: str, accept: str, **how: Any) -> None:
-        super().__init__(auto_upload=True, **how)
+    def __init__(
+        self, words: str, accept: str, take: Callable[[UploadEventArguments], Awaitable[None]], **how: Any
+    ) -> None:
+        super().__init__(auto_upload=True, on_upload=self._take, **how)
+        self._handler, self._on_their_way = take, 0
+        # The browser says these two in order with what else is done on the page, unlike the upload itself.
+        self.on("start", partial(self._count, 1), args=[])
+        self.on("finish", partial(self._count, -1), args=[])
+        self._all_taken = asyncio.Event()
+        self._count(0)
         self.props(f'flat bordered accept="{accept}"').classes("file-drop")
         # Quasar's own head has a button and an entry without names, one inside the other.
         self.add_slot(
@@ -202,6 +212,24 @@ class FileDrop(ui.upload):
             f"""<q-btn flat dense icon="add" label="Choose a file" @click="props.pickFiles" />
             <span>{words}</span><q-uploader-add-trigger />""",
         )
+
+    async def all_taken(self, button: ui.button) -> None:
+        """Wait for files that are still on their way; so does the button with which the person goes on."""
+        if not self._all_taken.is_set():
+            button.disable()
+            await self._all_taken.wait()
+            button.enable()
+
+    async def _take(self, event: UploadEventArguments) -> None:
+        self._count(1)
+        try:
+            await self._handler(event)
+        finally:
+            self._count(-1)
+
+    def _count(self, more: int) -> None:
+        self._on_their_way += more
+        (self._all_taken.clear if self._on_their_way else self._all_taken.set)()
 
 
 def picture(source: str, alt: str) -> ui.element:

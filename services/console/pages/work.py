@@ -108,6 +108,7 @@ class ExecutorDesk:
             added.set_text(f"{count(len(photos), 'photo')} added")
 
         async def review() -> None:
+            await drop.all_taken(go_on)
             text = (note.value or "").strip()
             if not text:
                 ui.notify("Say in a sentence what you did", type="warning")
@@ -128,19 +129,19 @@ class ExecutorDesk:
             dialog.props("no-backdrop-dismiss")
             note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
             note.style("width: 100%")
-            widgets.FileDrop(
+            drop = widgets.FileDrop(
                 "or drop photos here (JPEG or PNG)",
                 "image/jpeg,image/png",
+                take,
                 multiple=True,
                 max_file_size=MAX_PHOTO_BYTES,
                 max_files=MAX_PHOTOS,
-                on_upload=take,
                 on_rejected=lambda: ui.notify(
                     f"At most {MAX_PHOTOS} JPEG or PNG pictures of 8 MB", type="warning"
                 ),
             )
             added = widgets.Text("p", "No photo yet", "soft").props('aria-live="polite"')
-            widgets.dialog_buttons(dialog, "Review", review)
+            go_on = widgets.dialog_buttons(dialog, "Review", review)
         await dialog
 
 
