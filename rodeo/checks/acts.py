@@ -12,8 +12,8 @@ An act is a line of text, `<what it is>/<number>` or `<what it is>/<from>-<to>`:
 and their numbers do. Whole numbers count things, statements or drops, and both ends belong to the act;
 decimals measure a quantity, and where one ends the next may begin.
 
-Nothing is kept here that chain and store do not say: `ConsumedActs` is made again at every start, from the
-events and from the reports that rulings name.
+`ConsumedActs` is made again at every start, from the events, from the reports that rulings name, and from
+what was found free to be paid for (`Promised`): rulings on that may be on their way to the chain.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import NamedTuple, Self
+
+from pydantic import BaseModel
 
 from rodeo.bus.messages import DaoEvent, Ruling
 from rodeo.checks.report import Check
@@ -173,16 +175,27 @@ class Wait:
     why: str
 
 
+class Promised(BaseModel):
+    """Acts that submissions may be paid for, as was said of them."""
+
+    chain: str = ""
+    """Genesis hash."""
+    acts: dict[str, list[str]] = {}
+    """`<task>.<attempt>` -> its acts."""
+
+
 class ConsumedActs:
     """The acts of accepted proofs, by the chain's events. Thread-safe.
 
     Args:
         tell: is called when something was learnt, under a lock: it must not ask anything here but `news`.
+        promised: before this start.
     """
 
-    def __init__(self, tell: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, tell: Callable[[], None] = lambda: None, promised: Promised | None = None) -> None:
         self._lock = threading.Lock()
         self._tell = tell
+        self._promised = promised or Promised()
         self.news = 0
         """Counts what was learnt."""
         self._chain = ""
@@ -195,8 +208,8 @@ class ConsumedActs:
         """SHA-256 of a report -> the acts that it lists."""
         self._judged: dict[tuple[int, int], list[Act] | None] = {}
         """What own verifications found that a submission claims; None where they found nothing out."""
-        self._clear: set[tuple[int, int]] = set()
-        """Submissions that may be paid for what they claim, as was said of them."""
+        self._clear: dict[tuple[int, int], frozenset[str]] = {}
+        """Acts that submissions may be paid for, as was said of them."""
         self._undone: dict[tuple[int, int], Submission] = {}
         """Submissions whose acceptance was taken off the chain, as they were accepted."""
         self._away: set[tuple[int, int]] = set()
@@ -214,6 +227,7 @@ class ConsumedActs:
                 self._judged.clear()
                 self._clear.clear()
                 self._undone.clear()
+                self._remember()
             self._seq = event.seq
             if event.task_id is None:
                 return
@@ -226,6 +240,22 @@ class ConsumedActs:
             self._release(event)
             self._told()
 
+    def _remember(self) -> None:
+        """What was promised on this chain."""
+        if self._promised.chain == self._chain:
+            for name, texts in self._promised.acts.items():
+                task_id, attempt = map(int, name.split("."))
+                self._clear[task_id, attempt] = frozenset(texts)
+                self._judged[task_id, attempt] = [Act.parse(text) for text in texts]
+
+    def promised(self) -> Promised:
+        """What may be paid for and has no ruling yet."""
+        with self._lock:
+            waiting = {one.key for one in self._all() if one.waits}
+            acts = {f"{k[0]}.{k[1]}": sorted(texts) for k, texts in self._clear.items() if k in waiting}
+            self._promised = Promised(chain=self._chain, acts=acts)
+            return self._promised
+
     def _undo(self, event: DaoEvent, events: list[DaoEvent]) -> None:
         """Take out of a task's `events` what `event` says was taken off the chain."""
         name, undone, task_id = event.args["undone_name"], event.args["undone_seq"], event.task_id or 0
@@ -236,7 +266,7 @@ class ConsumedActs:
         key = task_id, int(event.args["attempt"])
         if name == "ProofSubmitted":
             self._judged.pop(key, None)
-            self._clear.discard(key)
+            self._clear.pop(key, None)
         elif key in before and before[key].accepted:
             self._undone[key] = replace(before[key], over=False)
 
@@ -304,7 +334,7 @@ class ConsumedActs:
         with self._lock:
             self._judged[task_id, attempt] = found
             if found is None:
-                self._clear.discard((task_id, attempt))
+                self._clear.pop((task_id, attempt), None)
             self._told()
 
     def away(self, task_id: int, attempt: int, is_away: bool) -> None:
@@ -342,7 +372,7 @@ class ConsumedActs:
                     return found
                 wait = wait or found
             if wait is None:
-                self._clear.add(me.key)
+                self._clear[me.key] = _texts(wanted)
             return wait
 
     def _in_the_way(
@@ -358,8 +388,11 @@ class ConsumedActs:
             if own or due or other.over:
                 return Spent(both[0].text, other, both[1].text, earlier, own)
             return Wait(other, "it was accepted, and that may be replaced yet")
-        if not own and (other.key in self._away or (due and other.key not in self._judged)):
+        unknown = other.key in self._away or (due and other.key not in self._judged)
+        if not own and unknown and other.key not in self._clear:
             return None
+        if self._clear.get(me.key) == _texts(wanted):
+            return None  # the others have waited for it since that was said
         if (earlier or other.key in self._clear) and other.waits:
             known, theirs = other.key in self._judged, self._judged.get(other.key)
             if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
@@ -457,6 +490,10 @@ def submissions_of(events: Iterable[DaoEvent]) -> Iterator[Submission]:
         elif event.name in _ENDS:
             made[-1] = replace(made[-1], over=True)
     yield from made
+
+
+def _texts(acts: dict[str, list[Act]]) -> frozenset[str]:
+    return frozenset(act.text for same in acts.values() for act in same)
 
 
 def _overlap(wanted: dict[str, list[Act]], others: Iterable[Act]) -> tuple[Act, Act] | None:

@@ -145,9 +145,10 @@ def verify_submission(
     may_wait: bool = False,
     checks_of: Callable[[Checks], Checks] = lambda checks: checks,
     claims: Callable[[list[str]], None] = lambda acts: None,
+    fetched: Callable[[], None] = lambda: None,
 ) -> Report:
     """Fetch the task's proof into `folder` and check it as `verify_file` does; `copy` is the proof, where it
-    was had already.
+    was had already. `fetched` is called once the bytes are here.
 
     Raises StoreUnavailable and DiskFull, which say nothing about the proof; with `may_wait` also whatever
     else keeps the bytes away, unless the URI is none of a file with the submitted hash.
@@ -162,10 +163,11 @@ def verify_submission(
         if may_wait and Store.names(uri, sha256):
             raise
         return _report([_failed("fetched", error)], site, chain_record)
+    fetched()
     # Bags are read by libraries that know no limits: what exhausts them must not be for people to decide.
     report = verify_file(path, site, chain_record, reads_bags=False, checks_of=checks_of, claims=claims)
-    fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=quoted(uri))
-    return report.with_checks(fetched, first=True)
+    check = Check(name="fetched", passed=True, measured=task.proof_sha256, source=quoted(uri))
+    return report.with_checks(check, first=True)
 
 
 def _open(path: Path, limits: Limits, reads_bags: bool) -> Proof | None:

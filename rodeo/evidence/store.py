@@ -33,6 +33,9 @@ from rodeo.host.files import writing
 from rodeo.host.proxies import proxy_of
 from rodeo.site.config import Site
 
+_CONNECT_S, _SILENCE_S = 15.0, 60.0
+"""How long HTTP stores may take to be reached, and to go on; not how long a whole file may take. By default,
+their client ends whatever takes five minutes."""
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json|jpg|png)$")
 
 
@@ -85,7 +88,7 @@ class Store:
     def _open(self, uri: str) -> tuple[Any, str]:
         """The filesystem of `uri`, and its path there."""
         options = self._options if _scheme(uri) in self._configured else {}
-        filesystem, path = fsspec.core.url_to_fs(uri, **_with_proxy(uri, options))
+        filesystem, path = fsspec.core.url_to_fs(uri, **_with_defaults(uri, options))
         filesystem.invalidate_cache()  # what another process put there meanwhile counts
         return filesystem, path
 
@@ -220,11 +223,15 @@ def _scheme(uri: str) -> str:
     return str(fsspec.utils.get_protocol(uri))
 
 
-def _with_proxy(uri: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Others than HTTP's clients look into the environment by themselves."""
-    if not uri.startswith(("http:", "https:")) or proxy_of(uri) is None:
+def _with_defaults(uri: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Others than HTTP's clients have time-outs, and look for proxies in the environment, by themselves."""
+    if not uri.startswith(("http:", "https:")):
         return options
-    return {**options, "client_kwargs": {"trust_env": True, **options.get("client_kwargs", {})}}
+    from aiohttp import ClientTimeout  # fsspec's client: only who has such a store needs it
+
+    timeout = ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_SILENCE_S)
+    defaults = {"timeout": timeout, "trust_env": proxy_of(uri) is not None}
+    return {**options, "client_kwargs": defaults | options.get("client_kwargs", {})}
 
 
 def _check_size(size: int, max_bytes: int) -> None:

@@ -62,8 +62,7 @@ def _s3(filesystem: Any, path: Path, target: str) -> None:
     if unfinished:
         where["UploadId"] = unfinished[-1]["UploadId"]
         there = {
-            p["PartNumber"]: p["ETag"].strip('"')
-            for p in filesystem.call_s3("list_parts", **where).get("Parts", [])
+            p["PartNumber"]: p["ETag"] for p in filesystem.call_s3("list_parts", **where).get("Parts", [])
         }
     else:
         where["UploadId"] = filesystem.call_s3("create_multipart_upload", **where)["UploadId"]
@@ -71,10 +70,12 @@ def _s3(filesystem: Any, path: Path, target: str) -> None:
     parts = []
     with path.open("rb") as source:
         for number, part in enumerate(iter(lambda: source.read(PART_BYTES), b""), start=1):
-            digest = md5(part, usedforsecurity=False).hexdigest()
-            if there.get(number) != digest:
-                filesystem.call_s3("upload_part", **where, PartNumber=number, Body=part)
-            parts.append({"PartNumber": number, "ETag": digest})
+            # An ETag is the part's MD5, except where the bucket encrypts with a key of its own: there, parts
+            # are sent again.
+            tag = there.get(number, "")
+            if tag.strip('"') != md5(part, usedforsecurity=False).hexdigest():
+                tag = filesystem.call_s3("upload_part", **where, PartNumber=number, Body=part)["ETag"]
+            parts.append({"PartNumber": number, "ETag": tag})
     filesystem.call_s3("complete_multipart_upload", **where, MultipartUpload={"Parts": parts})
 
 

@@ -25,7 +25,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
@@ -132,7 +132,7 @@ def verify_apart(
     A verification that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed,
     the second such is given up, unless no chain is asked. If it cannot be started twice, the report is
     undecided. Its folder, which is removed, goes into `scratch`. Raises EvidenceError when the proof could
-    not be fetched, and DiskFull: both are for the caller to wait for.
+    not be fetched, in time either, and DiskFull: both are for the caller to wait for.
     """
     limits = limits or site.oracle
     what = What(chain_record, copy, submitted, limits.cpu_limit_s, memory_bytes, log_to)
@@ -273,6 +273,9 @@ def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float,
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
         ended = f"the verification crashed with exit status {exit_status}"
         if not is_done:
+            # No fault of the proof, which nobody has seen.
+            if Path(folder, _FETCHING).exists() and not stop.is_set():
+                raise StoreUnavailable("the store did not send the proof in time", limit_s=time_limit_s)
             ended = f"the verification hung for {time_limit_s:g} s"
         elif exit_status == -signal.SIGXCPU:
             ended = f"the verification used more than {what.cpu_limit_s:g} s of CPU time"
@@ -322,6 +325,8 @@ def _context_of(site: Site) -> ForkServerContext:
 
 _REPORT, _AWAY = "report.json", "away.json"
 """Files of which a child leaves one in its folder."""
+_FETCHING = "fetching"
+"""There while a child fetches the proof."""
 _ACTS = "acts.json"
 """Left earlier: people may accept a proof whose verification gave no report, and then these acts are paid
 for."""
@@ -422,6 +427,18 @@ def verify_claiming(site: Site, what: What, folder: Path, **options: Any) -> Rep
 
     chain_record, copy = what[:2]
     if what.submitted and chain_record is not None:
-        return verify_submission(site, chain_record, folder, copy, may_wait=True, claims=claims, **options)
+        fetching = folder / _FETCHING
+        if copy is None:
+            fetching.touch()
+        return verify_submission(
+            site,
+            chain_record,
+            folder,
+            copy,
+            may_wait=True,
+            claims=claims,
+            fetched=partial(fetching.unlink, missing_ok=True),
+            **options,
+        )
     assert copy is not None
     return verify_file(copy, site, chain_record, claims=claims, **options)

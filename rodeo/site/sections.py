@@ -552,7 +552,8 @@ class OracleConfig(_Table):
     `rodeo.checks.counts`. The oracle tries a verification that exceeds it once more, then gives up on it:
     nobody is paid or fined."""
     time_limit_s: float = Field(default=600.0, gt=0)
-    """Wall time limit of one verification, for one that hangs. The consequences are the same."""
+    """Wall time limit of one verification, for one that hangs. The consequences are the same; where the store
+    has not sent the proof by then, the oracle waits for the store."""
     handover_s: float = Field(default=3600.0, gt=0)
     """Wall time for an executor to send a submitted proof that the store does not have, counted from the
     oracle's request and ending when the verdict is due. After it the oracle rejects the proof."""

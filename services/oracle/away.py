@@ -73,6 +73,8 @@ class _Sought:
     looked_s: float | None = None
     asked_s: float = 0.0
     """Wall time for which the executor has been asked."""
+    was_asked: bool = False
+    """Whether anybody could hear it."""
     busy: bool = field(default=False, repr=False)
 
 
@@ -175,9 +177,8 @@ class MissingProofs:
         with self._lock:
             self._sought.pop(key, None)
             self._last_words.pop(key, None)
-            copy = self._copies.pop(key, None)
-        if copy is not None:
-            shutil.rmtree(copy.parent, ignore_errors=True)
+            self._copies.pop(key, None)
+        shutil.rmtree(self._folder_of(*key), ignore_errors=True)
 
     def summary(self) -> list[str]:
         """A sentence for each proof that is looked for."""
@@ -238,12 +239,13 @@ class MissingProofs:
             one.looked_s = now_s
             if ask_to_put(self._bus, self._site.org, wanted) and (path := self._fetch(one, wanted)):
                 return path
-            folder = self._folder_of(one.task)
+            folder = self._folder_of(one.task.id, one.task.attempt)
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{wanted.removeprefix('0x')}.mcap"
             if hand_over(self._bus, self._site.org, wanted, path, self._site.store.max_bytes):
                 self._put(path)
                 return path
+            one.was_asked |= self._bus.connected
         except BusError as error:
             log.info("cannot ask for the proof: %s", error)
         except (OSError, DiskFull) as error:
@@ -253,15 +255,15 @@ class MissingProofs:
     def _fetch(self, one: _Sought, wanted: str) -> Path | None:
         uri = self._store.whereabouts(one.task.proof_uri or "", wanted, ".mcap")
         try:
-            return self._store.fetch(uri, wanted, folder=self._folder_of(one.task))
+            return self._store.fetch(uri, wanted, folder=self._folder_of(one.task.id, one.task.attempt))
         except EvidenceError as error:
             one.why = in_words(error)
             one.owner = owner_of(error, one.task.proof_uri or "", self._site, self.stores)
         return None
 
-    def _folder_of(self, task: Task) -> Path:
+    def _folder_of(self, task_id: int, attempt: int) -> Path:
         # Two submissions may have one hash: an executor may copy another's.
-        return self._folder / f"{task.id}-{task.attempt}"
+        return self._folder / f"{task_id}-{attempt}"
 
     def _put(self, path: Path) -> None:
         try:
@@ -275,8 +277,9 @@ class MissingProofs:
         """The report on a proof that the oracle waits for no longer; None while it still waits."""
         task, over = one.task, self._verdict_is_due(one.task)
         if one.owner == "executor" and (over or one.asked_s >= self._site.oracle.handover_s):
-            detail = f"{one.why}; the executor did not send it when asked"
-            fault = None
+            asked = "did not send it when asked" if one.was_asked else "could not be asked"
+            detail = f"{one.why}; the executor {asked}"
+            fault = None if one.was_asked else FAULT
         elif over and one.owner != "executor":
             detail = f"the oracle could not read it before the verdict was due: {one.why}"
             fault = "the store" if one.owner == "store" else FAULT

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import threading
 from collections.abc import Callable
 from decimal import Decimal
@@ -25,12 +26,13 @@ from typing import TypeVar
 from rodeo.bus import queries
 from rodeo.bus.messages import DaoEvent, Task, Vote
 from rodeo.bus.session import DaoEvents
-from rodeo.checks.acts import ConsumedActs
+from rodeo.checks.acts import ConsumedActs, Promised
 from rodeo.checks.report import Report
 from rodeo.commands.judging import Rule
 from rodeo.dao import Participant
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.evidence.errors import EvidenceError, StoreUnavailable
+from rodeo.host.files import read_model
 from rodeo.jobs import apart
 from rodeo.jobs.apart import FAULT
 from rodeo.kinds import Kinds, kinds_of
@@ -41,7 +43,7 @@ from rodeo.site.names import oracle_process
 from rodeo.text.foreign_text import in_words
 from services.oracle.away import MissingProofs, ProofAway, due_s, is_due, owner_of
 from services.oracle.chain_view import read_chain_record
-from services.oracle.reports import RETRY_S, Reports
+from services.oracle.reports import PROMISED, RETRY_S, Reports
 from services.oracle.rules import Judging
 from services.oracle.scrub import Scrub
 from services.oracle.status import Status
@@ -57,12 +59,18 @@ hangs."""
 SWEEP_S = 30.0
 """Wall time between two looks for submissions that got no verdict, whatever kept them from it."""
 
+_VERIFYING = "verifying"
+"""Folder for children's files, in the oracle's own."""
 _NO_MORE = frozenset({"case_over", "passed_on_before", "not_judge", "not_a_judge"})
 """Errors when this oracle cannot rule any more, and others may."""
 _DECIDED = _NO_MORE | {"wrong_state", "wrong_attempt"}
 """Errors when this oracle cannot rule any more, or when the attempt has ended."""
 
 Answer = TypeVar("Answer")
+
+
+class PromisesLost(RodeoError):
+    """The file that says what submissions may be paid for is damaged."""
 
 
 class IndexBehind(RodeoError):
@@ -82,7 +90,8 @@ class Oracle:
     def __init__(self, process: Process, name: str, wallet: Participant) -> None:
         self.process, self._wallet = process, wallet
         self._site, self._kinds, self._clock = process.site, kinds_of(process.site), process.clock
-        self.acts = ConsumedActs(self._clock.notify)
+        promised = read_model(Promised, process.data_dir / PROMISED, PromisesLost, "what may be paid for")
+        self.acts = ConsumedActs(self._clock.notify, promised)
         self.reports = Reports(process, self.acts)
         self.line = Line(
             self._clock,
@@ -103,6 +112,7 @@ class Oracle:
         )
         self.judging = Judging(self._site, self._clock, partial(self.line.put, word=True), self.acts.waits)
         self.status = Status(process, self.missing, self.judging)
+        shutil.rmtree(process.data_dir / _VERIFYING, ignore_errors=True)  # of a process that was killed
         self._late: set[Key] = set()
         """Submissions in line whose verdict is due."""
         self._abstained: set[Key] = set()
@@ -283,11 +293,15 @@ class Oracle:
         if (last_word := self.missing.last_word(key)) is not None:
             return task, last_word
         self.status.publish(key, f"verifying task {task_id}")
-        scratch = self.process.data_dir / "verifying"
         copy = self.missing.copy(key)
         try:
             report = apart.verify_apart(
-                self._site, chain_record, scratch, self.process.stop, copy=copy, failed=self.line.failed[key]
+                self._site,
+                chain_record,
+                self.process.data_dir / _VERIFYING,
+                self.process.stop,
+                copy=copy,
+                failed=self.line.failed[key],
             )
         except EvidenceError as error:
             owner = owner_of(error, task.proof_uri or "", self._site, self.missing.stores)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import shutil
 import tempfile
+import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,15 +14,19 @@ from pathlib import Path
 from rodeo.bus.messages import Task
 from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_listed, acts_unspent
 from rodeo.checks.report import Check, Report
+from rodeo.errors import DiskFull
 from rodeo.evidence.errors import EvidenceError, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.host.clocked import ClockedEvent, Rest
 from rodeo.host.files import replace_file, writing
 from rodeo.runtime.process import Process
+from rodeo.text.foreign_text import in_words
 from services.oracle.away import due_s, is_due
 
 log = logging.getLogger(__name__)
 
+PROMISED = "promised.json"
+"""File of the oracle's folder with what submissions may be paid for."""
 RETRY_S = 1.0
 """Wall time between attempts to reach the bridge or the store."""
 _REPORT_BYTES = 16 << 20
@@ -38,10 +44,14 @@ class Reports:
         self.store = Store(process.site)
         self.folder = process.data_dir / "reports"
         """Own copies: a store that loses a report must keep nobody waiting."""
+        self._promised, self._writing = process.data_dir / PROMISED, threading.Lock()
+        self._reading = process.data_dir / "reading"
+        shutil.rmtree(self._reading, ignore_errors=True)  # of a process that was killed
 
     def keep(self, task: Task, report: Report) -> tuple[str, str]:
         """Where the report is in the store, and its hash. A store that takes nothing until the verdict is due
-        gets the report later: the executor must not lose its pay by that.
+        gets the report later: the executor must not lose its pay by that. What it may be paid for is kept,
+        too: a process that ends before the ruling is on chain must promise that to nobody else.
 
         Raises StoreUnavailable, DiskFull.
         """
@@ -51,11 +61,13 @@ class Reports:
         with writing(own):
             own.parent.mkdir(parents=True, exist_ok=True)
             replace_file(own, data.decode())
+        with self._writing:
+            replace_file(self._promised, self._acts.promised().model_dump_json())
         try:
             uri = self.store.put(own)
-        except StoreUnavailable as error:
+        except EvidenceError as error:
             if not is_due(task, self._site, self._clock):
-                raise
+                raise StoreUnavailable("the store does not keep the report", cause=in_words(error)) from error
             log.error("the verdict is due, but the store does not accept its report: %s", error)
             uri = self.store.uri_of(sha256, ".json")
         self._acts.read("0x" + sha256, report.acts)
@@ -115,7 +127,7 @@ class Reports:
                 continue
             try:
                 data = self._fetch(uri, sha256)
-            except EvidenceError as error:
+            except (EvidenceError, DiskFull, OSError) as error:
                 log.warning(
                     "cannot read the report of task %d attempt %d; until then no proof is accepted that it "
                     "may have paid for: %s",
@@ -127,13 +139,14 @@ class Reports:
         return True
 
     def _fetch(self, uri: str, sha256: str) -> bytes:
-        """Raises EvidenceError."""
+        """Raises EvidenceError, DiskFull, OSError."""
         # The name is the content: a report that others keep elsewhere may be in our store, too.
         own = self.store.uri_of(sha256, ".json")
         kept = self.folder / f"{sha256.removeprefix('0x')}.json"
         if kept.is_file() and hashlib.sha256(data := kept.read_bytes()).hexdigest() == kept.stem:
             return data
-        with tempfile.TemporaryDirectory() as folder:
+        self._reading.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=self._reading) as folder:
             try:
                 path = self.store.fetch(uri, sha256, _REPORT_BYTES, Path(folder))
             except (ProofUriNotAllowed, ProofNotFound):

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 import fsspec
 import pytest
 
+from rodeo.evidence import store as stores
 from rodeo.evidence import upload
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, StoreUnavailable
 from rodeo.evidence.store import Store
@@ -246,6 +247,54 @@ def test_an_upload_to_s3_that_was_cut_off_goes_on(
     uri = store.put(path)
     assert sent == [1, 2, 3]
     assert store.fetch(uri, "0x" + sha256(data).hexdigest(), folder=tmp_path / "fetched").read_bytes() == data
+
+
+def test_parts_are_named_as_the_bucket_names_them(
+    s3: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that encrypts with a key of its own names no MD5."""
+    path = tmp_path / "long.mcap"
+    path.write_bytes(data := os.urandom(12 << 20))
+    filesystem = fsspec.filesystem("s3", **s3)
+    call, names = type(filesystem).call_s3, dict[str, str]()
+
+    def encrypted(self: Any, method: str, *args: Any, **kwargs: Any) -> Any:
+        if method == "complete_multipart_upload":
+            for part in kwargs["MultipartUpload"]["Parts"]:
+                part["ETag"] = names[part["ETag"]]
+        answer = call(self, method, *args, **kwargs)
+        if method == "upload_part":
+            names[f'"key-{len(names)}"'] = answer["ETag"]
+            answer["ETag"] = list(names)[-1]
+        return answer
+
+    monkeypatch.setattr(type(filesystem), "call_s3", encrypted)
+    store = store_at("s3://proofs", tmp_path, options=s3)
+    uri = store.put(path)
+    assert store.fetch(uri, "0x" + sha256(data).hexdigest(), folder=tmp_path / "fetched").read_bytes() == data
+
+
+def test_a_server_that_falls_silent_holds_nobody_up(
+    shelf: tuple[str, dict[str, bytes]], proof: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stores, "_SILENCE_S", 0.2)
+    store, over = store_at(shelf[0], tmp_path), threading.Event()
+    uri = store.put(proof)
+
+    def half(self: Shelf) -> None:
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(DATA)))
+        self.end_headers()
+        self.wfile.write(DATA[:1000])
+        over.wait()
+
+    monkeypatch.setattr(Shelf, "do_GET", half)
+    try:
+        with pytest.raises(StoreUnavailable, match=r"(?i)timeout"):
+            store.fetch(uri, HASH, folder=tmp_path / "fetched")
+    finally:
+        over.set()
+    assert list((tmp_path / "fetched").iterdir()) == []
 
 
 def test_a_full_disk_delays_and_leaves_nothing_behind(

@@ -166,9 +166,26 @@ def ended_by_the_proof(report: Report, outcome: str = "given_up") -> str:
 def test_a_verification_that_hangs_is_given_up(
     site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    report = submitted(site, cleaning, sealed, tmp_path, limits=OracleConfig(time_limit_s=0.05))
-    assert "ended without a report" in ended_by_the_proof(report)
+    chain = cleaning_chain_record(cleaning, proof_sha256=sealed.sha256)
+    verify = partial(verify_apart, site, chain, tmp_path, threading.Event(), copy=sealed.path)
+    limits = OracleConfig(time_limit_s=0.05)
+    with pytest.raises(VerificationFailed):
+        verify(limits=limits)
+    report = verify(limits=limits, failed=ATTEMPTS - 1)
+    assert report is not None and "ended without a report" in ended_by_the_proof(report)
     assert "hung for 0.05 s" in caplog.text
+
+
+def test_a_store_that_hangs_is_no_fault_of_the_proof(site: Site, cleaning: Take, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        slow = site.model_copy(update={"store": site.store.model_copy(update={"allowed": [url]})})
+        hash_ = "ab" * 32
+        chain = cleaning_chain_record(cleaning, proof_uri=f"{url}/{hash_}.mcap", proof_sha256="0x" + hash_)
+        with pytest.raises(StoreUnavailable, match="did not send the proof in time"):
+            verify_apart(
+                slow, chain, tmp_path, threading.Event(), limits=OracleConfig(time_limit_s=5.0), failed=1
+            )
 
 
 def use_without_end(_site: Site, what: apart.What, _folder: Path) -> None:

@@ -120,7 +120,7 @@ def test_what_the_store_lost_is_put_there_again_by_its_executor(search: Callable
     assert one.bus.store is not None
     assert one.bus.store.fetch(one.task.proof_uri or "", one.task.proof_sha256 or "").exists()
     one.missing.forget(one.key)
-    assert not copy.exists()
+    assert not copy.parent.exists()
 
 
 def test_what_its_executor_cannot_put_anywhere_is_handed_over(search: Callable[..., Search]) -> None:
@@ -152,6 +152,19 @@ def test_an_executor_is_not_asked_while_the_oracle_is_off_the_bus(search: Callab
     assert one.goes_on()
     one.bus.connected = True
     assert one.word().outcome == "rejected"
+
+
+def test_an_executor_that_could_not_be_asked_until_the_verdict_was_due_has_not_failed(
+    search: Callable[..., Search],
+) -> None:
+    one = search()
+    one.bus.connected = False
+    one.begin()
+    assert one.goes_on()
+    one.clock.time_s = one.task.verdict_deadline or 0.0
+    report = one.word()
+    assert (report.outcome, report.fault) == ("undecided", "the oracle")
+    assert "the executor could not be asked" in report.reason
 
 
 @pytest.mark.parametrize("fault", ["the store", "the oracle"])

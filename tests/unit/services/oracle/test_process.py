@@ -18,8 +18,8 @@ from rodeo.bus.queries import A, Query
 from rodeo.checks.acts import Submission, Wait
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
-from rodeo.errors import RemoteError
-from rodeo.evidence.errors import ProofNotFound, StoreUnavailable
+from rodeo.errors import DiskFull, RemoteError
+from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, StoreUnavailable
 from rodeo.host.clock import WallClock
 from rodeo.jobs import apart
 from rodeo.runtime.state import Notices
@@ -28,7 +28,7 @@ from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take
 from rodeo_testing.waiting import HANG_S, wait_until
-from services.oracle import process, rules
+from services.oracle import process, reports, rules
 from services.oracle.away import ProofAway, due_s
 from services.oracle.process import Oracle
 from services.oracle.reports import Reports
@@ -214,6 +214,7 @@ def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
         time_s=float(seq),
         task_id=task.id,
         args=args,
+        chain="0x" + "99" * 32,
     )
 
 
@@ -598,6 +599,100 @@ def test_who_waits_for_the_store_keeps_no_place(
     assert not bridge.verdicts
     stored.set()
     wait_until(lambda: {one.task_id for one in bridge.verdicts} == {bridge.current.id, other.id})
+
+
+@pytest.mark.parametrize("full", [DiskFull("no space left"), OSError(28, "No space left on device")])
+def test_a_disk_that_is_full_while_a_report_is_read_keeps_no_later_one_from_being_read(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, full: Exception
+) -> None:
+    monkeypatch.setattr(reports, "RETRY_S", 0.01)
+    judge, task, tried, report = oracle(), bridge.current, list[str](), "0x" + "55" * 32
+
+    def fetch(uri: str, _sha256: str, _most: int, folder: Path) -> Path:
+        tried.append(uri)
+        if len(tried) == 1:
+            raise full
+        (path := folder / "report.json").write_bytes(ACCEPTED.to_bytes())
+        return path
+
+    monkeypatch.setattr(judge.reports.store, "fetch", fetch)
+    judge.acts.on_event(event(task, 1, "TaskRegistered", kind=task.kind, rules=RULES))
+    judge.acts.on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
+    judge.acts.on_event(event(task, 3, "Reported", report_uri="file:///x", reason=""))
+    judge.acts.on_event(event(task, 4, "Ruled", attempt=task.attempt, ruling="accepted", report=report))
+    reading = threading.Thread(target=judge.reports.run)
+    reading.start()
+    wait_until(lambda: judge.acts.is_read(report))
+    judge.process.stop.set()
+    judge.process.clock.notify()
+    reading.join()
+    assert len(tried) == 2
+
+
+@pytest.mark.parametrize("error", [ProofHashMismatch("other bytes"), StoreUnavailable("it is away")])
+def test_a_report_that_the_store_does_not_keep_costs_nobody_its_verdict(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    tried = list[Path]()
+
+    def put(path: Path) -> str:
+        tried.append(path)
+        raise error
+
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
+    judge = oracle()
+    clock = judge.process.clock
+    assert isinstance(clock, HeldClock)
+    monkeypatch.setattr(judge.reports.store, "put", put)
+    submit(judge, bridge.current)
+    wait_until(lambda: len(tried) > 1)
+    assert not bridge.verdicts
+    clock.ahead_s = 3600.0
+    assert bridge.posted.wait(HANG_S)
+
+
+def test_what_may_be_paid_for_is_promised_to_nobody_else_after_a_restart(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The ruling on the later one is on its way to the chain when its oracle ends. Then the proof of the
+    earlier one, which claims the same drop, turns up."""
+    first, second = bridge.current, bridge.other()
+    missing = {first.id}
+
+    def verify(_site: Site, chain_record: ChainRecord, *_: Any, **__: Any) -> Report:
+        task_id = chain_record.task.id
+        if task_id in missing:
+            raise ProofNotFound("lost", uri="file:///x")
+        return ACCEPTED.model_copy(update={"task_id": task_id})
+
+    monkeypatch.setattr(process, "SWEEP_S", 2 * HANG_S)
+    monkeypatch.setattr(apart, "verify_apart", verify)
+    judge = oracle()
+    monkeypatch.setattr(judge.missing, "seek", lambda *_: None)
+    bridge.refuses = "bridge_not_ready"  # what it was told may be done later
+    submit(judge, first, "first")
+    wait_until(lambda: not judge.line.keys())
+    submit(judge, second, "second")
+    wait_until(lambda: bridge.refused > 0)
+
+    missing = {second.id}
+    again = oracle()
+    monkeypatch.setattr(again.missing, "seek", lambda *_: None)
+    told: list[str] = []
+    again.process.activity = lambda text, *_, **__: told.append(text)  # type: ignore[method-assign]
+    submit(again, second, "second")
+    wait_until(lambda: not again.line.keys())
+    submit(again, first, "first")
+    waits = f"task {first.id} waiting for task {second.id} attempt {second.attempt}: it may be paid for it"
+    wait_until(lambda: bridge.verdicts or any(waits in text for text in told))
+    bridge.refuses = None
+    wait_until(lambda: bridge.verdicts)
+    again.acts.read(bridge.verdicts[0].report_sha256, ACCEPTED.acts)
+    wait_until(lambda: len(bridge.verdicts) == 2)
+    assert [(one.task_id, one.ruling) for one in bridge.verdicts] == [
+        (second.id, "accepted"),
+        (first.id, "undecided"),
+    ]
 
 
 def test_a_last_word_waits_for_no_verification(
