@@ -118,6 +118,8 @@ class Submission:
     executor: str
     block: int
     log_index: int
+    proof: str = ""
+    """SHA-256 of its file, as 0x hex."""
     ruling: Ruling | None = None
     """The last of a judge, whether it stands or is final; None while no judge has ruled."""
     passed_on: bool = False
@@ -175,13 +177,21 @@ class Wait:
     why: str
 
 
+class Promise(BaseModel):
+    """Acts that a submission may be paid for, as was said of it."""
+
+    task_id: int
+    attempt: int
+    proof_sha256: str
+    acts: list[str]
+
+
 class Promised(BaseModel):
-    """Acts that submissions may be paid for, as was said of them."""
+    """Promises on one chain."""
 
     chain: str = ""
     """Genesis hash."""
-    acts: dict[str, list[str]] = {}
-    """`<task>.<attempt>` -> its acts."""
+    promises: list[Promise] = []
 
 
 class ConsumedActs:
@@ -227,7 +237,6 @@ class ConsumedActs:
                 self._judged.clear()
                 self._clear.clear()
                 self._undone.clear()
-                self._remember()
             self._seq = event.seq
             if event.task_id is None:
                 return
@@ -237,23 +246,30 @@ class ConsumedActs:
             elif event.name in _TELLING and all(one.seq != event.seq for one in events):
                 events.append(event)
             self._submissions[event.task_id] = list(submissions_of(events))
+            if event.name == "ProofSubmitted":
+                self._remember(event.task_id, int(event.args["attempt"]))
             self._release(event)
             self._told()
 
-    def _remember(self) -> None:
-        """What was promised on this chain."""
-        if self._promised.chain == self._chain:
-            for name, texts in self._promised.acts.items():
-                task_id, attempt = map(int, name.split("."))
-                self._clear[task_id, attempt] = frozenset(texts)
-                self._judged[task_id, attempt] = [Act.parse(text) for text in texts]
+    def _remember(self, task_id: int, attempt: int) -> None:
+        """What was promised to a submission before this start, or before it was taken off the chain."""
+        one = self._find(task_id, attempt)
+        for said in self._promised.promises if self._promised.chain == self._chain else ():
+            if one is not None and (said.task_id, said.attempt, said.proof_sha256) == (*one.key, one.proof):
+                self._clear[one.key] = frozenset(said.acts)
+                self._judged[one.key] = [Act.parse(text) for text in said.acts]
 
     def promised(self) -> Promised:
-        """What may be paid for and has no ruling yet."""
+        """What may be paid for, as far as is not known to have its ruling."""
         with self._lock:
-            waiting = {one.key for one in self._all() if one.waits}
-            acts = {f"{k[0]}.{k[1]}": sorted(texts) for k, texts in self._clear.items() if k in waiting}
-            self._promised = Promised(chain=self._chain, acts=acts)
+            before = self._promised.promises if self._promised.chain == self._chain else []
+            now = [
+                Promise(task_id=one.task_id, attempt=one.attempt, proof_sha256=one.proof, acts=sorted(acts))
+                for key, acts in self._clear.items()
+                if (one := self._find(*key)) is not None and one.waits
+            ]
+            unheard = [one for one in before if self._find(one.task_id, one.attempt) is None]
+            self._promised = Promised(chain=self._chain, promises=[*unheard, *now])
             return self._promised
 
     def _undo(self, event: DaoEvent, events: list[DaoEvent]) -> None:
@@ -332,6 +348,9 @@ class ConsumedActs:
         none if it is refused. None where it gets no ruling from here."""
         found = None if claimed is None else [Act.parse(text) for text in claimed]
         with self._lock:
+            if found is not None:  # a ruling that pays for what was promised may be on its way
+                promised = self._clear.get((task_id, attempt), frozenset())
+                found += [Act.parse(text) for text in sorted(promised - {act.text for act in found})]
             self._judged[task_id, attempt] = found
             if found is None:
                 self._clear.pop((task_id, attempt), None)
@@ -372,7 +391,7 @@ class ConsumedActs:
                     return found
                 wait = wait or found
             if wait is None:
-                self._clear[me.key] = _texts(wanted)
+                self._clear[me.key] = frozenset(act.text for acts in wanted.values() for act in acts)
             return wait
 
     def _in_the_way(
@@ -391,9 +410,9 @@ class ConsumedActs:
         unknown = other.key in self._away or (due and other.key not in self._judged)
         if not own and unknown and other.key not in self._clear:
             return None
-        if self._clear.get(me.key) == _texts(wanted):
-            return None  # the others have waited for it since that was said
-        if (earlier or other.key in self._clear) and other.waits:
+        # Others wait for what may be paid for since that was said; of two such, the later one does.
+        promised = other.key in self._clear
+        if (earlier if promised == (me.key in self._clear) else promised) and other.waits:
             known, theirs = other.key in self._judged, self._judged.get(other.key)
             if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
                 was = "was submitted earlier" if earlier else "may be paid for it"
@@ -470,7 +489,9 @@ def submissions_of(events: Iterable[DaoEvent]) -> Iterator[Submission]:
         if event.name == "ProofSubmitted":
             attempt = int(args["attempt"])
             executor = str(args["executor"])
-            made.append(Submission(event.task_id or 0, attempt, executor, event.block, event.log_index))
+            place = event.block, event.log_index
+            proof = str(args.get("proof_hash", "")).lower()
+            made.append(Submission(event.task_id or 0, attempt, executor, *place, proof))
         elif not made:
             continue
         elif event.name == "Reported":
@@ -490,10 +511,6 @@ def submissions_of(events: Iterable[DaoEvent]) -> Iterator[Submission]:
         elif event.name in _ENDS:
             made[-1] = replace(made[-1], over=True)
     yield from made
-
-
-def _texts(acts: dict[str, list[Act]]) -> frozenset[str]:
-    return frozenset(act.text for same in acts.values() for act in same)
 
 
 def _overlap(wanted: dict[str, list[Act]], others: Iterable[Act]) -> tuple[Act, Act] | None:

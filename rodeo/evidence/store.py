@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import file_digest, sha256
@@ -28,14 +29,14 @@ from rodeo.evidence.errors import (
     ProofUriNotAllowed,
     StoreUnavailable,
 )
-from rodeo.evidence.upload import blocks, upload
+from rodeo.evidence.upload import blocks, longest_s, upload
 from rodeo.host.files import writing
 from rodeo.host.proxies import proxy_of
 from rodeo.site.config import Site
 
-_CONNECT_S, _SILENCE_S = 15.0, 60.0
-"""How long HTTP stores may take to be reached, and to go on; not how long a whole file may take. By default,
-their client ends whatever takes five minutes."""
+_CONNECT_S, _SILENCE_S, _REQUEST_S = 15.0, 60.0, 300.0
+"""How long HTTP stores may take to be reached, to go on with an answer, and for a whole request, which asks
+for a part of a file or puts a whole one."""
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json|jpg|png)$")
 
 
@@ -229,7 +230,7 @@ def _with_defaults(uri: str, options: dict[str, Any]) -> dict[str, Any]:
         return options
     from aiohttp import ClientTimeout  # fsspec's client: only who has such a store needs it
 
-    timeout = ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_SILENCE_S)
+    timeout = ClientTimeout(total=_REQUEST_S, sock_connect=_CONNECT_S, sock_read=_SILENCE_S)
     defaults = {"timeout": timeout, "trust_env": proxy_of(uri) is not None}
     return {**options, "client_kwargs": defaults | options.get("client_kwargs", {})}
 
@@ -267,10 +268,12 @@ def _is_missing(error: FileNotFoundError, uri: str) -> bool:
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:
     """SHA-256 hex of a stream of at most `max_bytes`, written to `copy` on the way."""
-    digest, size = sha256(), 0
+    digest, size, begun_s = sha256(), 0, time.monotonic()
     for block in blocks(stream):
         size += len(block)
         _check_size(size, max_bytes)
+        if (taken_s := time.monotonic() - begun_s) > longest_s(size):
+            raise StoreUnavailable("the store is too slow", bytes=size, after_s=round(taken_s))
         digest.update(block)
         if copy is not None:
             copy.write(block)

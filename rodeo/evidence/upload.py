@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Iterator
+from functools import partial
 from hashlib import md5
 from pathlib import Path
 from typing import IO, Any
 
+from fsspec.asyn import sync
+
 from rodeo.host.files import replacing
 
 BLOCK_BYTES = 1 << 20
+_PATIENCE_S, _SLOWEST_BYTES_S = 300.0, 128 << 10
 PART_BYTES = 8 << 20
 """Size of a part of a multipart upload; S3 takes no less than 5 MiB but for the last."""
 
@@ -46,9 +50,18 @@ def _folder(_filesystem: Any, path: Path, target: str) -> None:
             file.write(block)
 
 
+def longest_s(size: int) -> float:
+    """Wall time that a store may take for so many bytes: what is slower holds others up."""
+    return _PATIENCE_S + size / _SLOWEST_BYTES_S
+
+
 def _http(filesystem: Any, path: Path, target: str) -> None:
-    """PUT, as WebDAV and most object gateways take it."""
-    filesystem.put_file(str(path), target, method="put")
+    """PUT, as WebDAV and most object gateways take it. They may be silent until they have stored it all."""
+    from aiohttp import ClientTimeout
+
+    timeout = ClientTimeout(total=longest_s(path.stat().st_size), sock_connect=_PATIENCE_S)
+    # `put_file` itself would stop waiting, and go on uploading.
+    sync(filesystem.loop, partial(filesystem._put_file, str(path), target, method="put", timeout=timeout))
 
 
 def _s3(filesystem: Any, path: Path, target: str) -> None:

@@ -25,7 +25,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache, partial
+from functools import cache
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
@@ -259,8 +259,11 @@ def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float,
             return _Once(None, f"the process to verify in did not start: {error!r}", began=False)
         child.ask(what, Path(folder))
         deadline_s, is_done = time.monotonic() + time_limit_s, False
+        is_here = what.copy is not None
         while not is_done and time.monotonic() < deadline_s and not stop.is_set():
             is_done = child.is_done(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
+            if not is_here and Path(folder, _FETCHED).exists():  # what a store takes is not the proof's
+                is_here, deadline_s = True, time.monotonic() + time_limit_s
         if path.exists():
             report = Report.model_validate_json(path.read_bytes())
             children.give_back(child, report.accepted)
@@ -273,8 +276,7 @@ def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float,
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
         ended = f"the verification crashed with exit status {exit_status}"
         if not is_done:
-            # No fault of the proof, which nobody has seen.
-            if Path(folder, _FETCHING).exists() and not stop.is_set():
+            if not is_here and not stop.is_set():
                 raise StoreUnavailable("the store did not send the proof in time", limit_s=time_limit_s)
             ended = f"the verification hung for {time_limit_s:g} s"
         elif exit_status == -signal.SIGXCPU:
@@ -325,8 +327,8 @@ def _context_of(site: Site) -> ForkServerContext:
 
 _REPORT, _AWAY = "report.json", "away.json"
 """Files of which a child leaves one in its folder."""
-_FETCHING = "fetching"
-"""There while a child fetches the proof."""
+_FETCHED = "fetched"
+"""Left once the proof is here."""
 _ACTS = "acts.json"
 """Left earlier: people may accept a proof whose verification gave no report, and then these acts are paid
 for."""
@@ -427,9 +429,6 @@ def verify_claiming(site: Site, what: What, folder: Path, **options: Any) -> Rep
 
     chain_record, copy = what[:2]
     if what.submitted and chain_record is not None:
-        fetching = folder / _FETCHING
-        if copy is None:
-            fetching.touch()
         return verify_submission(
             site,
             chain_record,
@@ -437,7 +436,7 @@ def verify_claiming(site: Site, what: What, folder: Path, **options: Any) -> Rep
             copy,
             may_wait=True,
             claims=claims,
-            fetched=partial(fetching.unlink, missing_ok=True),
+            fetched=(folder / _FETCHED).touch,
             **options,
         )
     assert copy is not None

@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -67,6 +68,8 @@ class _Sought:
     task: Task
     why: str
     owner: Owner
+    folder: Path
+    """Its own: an executor may copy another's hash, and an older look may not have ended yet."""
     pause_s: float = _PAUSE_S[0]
     due_s: float = 0.0
     """Wall (monotonic) time of the next look."""
@@ -104,6 +107,7 @@ class MissingProofs:
         self._found, self._waits, self.stores = found, waits, stores
         self._lock = threading.Lock()
         self._sought: dict[tuple[int, int], _Sought] = {}
+        self._numbers = count()
         self._news = ClockedEvent(clock)
         self._copies: dict[tuple[int, int], Path] = {}
         self._last_words: dict[tuple[int, int], Report] = {}
@@ -114,9 +118,14 @@ class MissingProofs:
     def seek(self, task: Task, away: ProofAway) -> None:
         """Look for the task's proof from now on."""
         key = task.id, task.attempt
-        self.forget(key)
         with self._lock:
-            self._sought[key] = _Sought(task, away.message, away.owner)
+            if (one := self._sought.get(key)) is not None:
+                one.why, one.owner = away.message, away.owner
+                return
+        self.forget(key)
+        folder = self._folder / f"{task.id}-{task.attempt}-{next(self._numbers)}"
+        with self._lock:
+            self._sought[key] = _Sought(task, away.message, away.owner, folder)
         log.warning("task %d attempt %d: %s; asking its executor for the proof", *key, away.message)
         self._news.set()
 
@@ -177,8 +186,9 @@ class MissingProofs:
         with self._lock:
             self._sought.pop(key, None)
             self._last_words.pop(key, None)
-            self._copies.pop(key, None)
-        shutil.rmtree(self._folder_of(*key), ignore_errors=True)
+            copy = self._copies.pop(key, None)
+        if copy is not None:
+            shutil.rmtree(copy.parent, ignore_errors=True)
 
     def summary(self) -> list[str]:
         """A sentence for each proof that is looked for."""
@@ -215,13 +225,17 @@ class MissingProofs:
                     one.busy = False
                     one.due_s = time.monotonic() + one.pause_s
                     one.pause_s = min(2 * one.pause_s, _PAUSE_S[1])
-                    if copy is None and word is None:
-                        return
-                    self._sought.pop(key, None)
-                    if copy is not None:
+                    ends = self._sought.get(key) is one and not (copy is None and word is None)
+                    if ends:
+                        del self._sought[key]
+                    if ends and copy is not None:
                         self._copies[key] = copy
-                    if word is not None:
+                    if ends and word is not None:
                         self._last_words[key] = word
+                if copy is None or not ends:
+                    shutil.rmtree(one.folder, ignore_errors=True)
+                if not ends:
+                    return
                 said = "the executor sent the proof" if copy else word and word.reason
                 log.info("task %d attempt %d: %s", *key, said)
                 self._found(*key)
@@ -239,9 +253,8 @@ class MissingProofs:
             one.looked_s = now_s
             if ask_to_put(self._bus, self._site.org, wanted) and (path := self._fetch(one, wanted)):
                 return path
-            folder = self._folder_of(one.task.id, one.task.attempt)
-            folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{wanted.removeprefix('0x')}.mcap"
+            one.folder.mkdir(parents=True, exist_ok=True)
+            path = one.folder / f"{wanted.removeprefix('0x')}.mcap"
             if hand_over(self._bus, self._site.org, wanted, path, self._site.store.max_bytes):
                 self._put(path)
                 return path
@@ -255,15 +268,11 @@ class MissingProofs:
     def _fetch(self, one: _Sought, wanted: str) -> Path | None:
         uri = self._store.whereabouts(one.task.proof_uri or "", wanted, ".mcap")
         try:
-            return self._store.fetch(uri, wanted, folder=self._folder_of(one.task.id, one.task.attempt))
+            return self._store.fetch(uri, wanted, folder=one.folder)
         except EvidenceError as error:
             one.why = in_words(error)
             one.owner = owner_of(error, one.task.proof_uri or "", self._site, self.stores)
         return None
-
-    def _folder_of(self, task_id: int, attempt: int) -> Path:
-        # Two submissions may have one hash: an executor may copy another's.
-        return self._folder / f"{task_id}-{attempt}"
 
     def _put(self, path: Path) -> None:
         try:

@@ -68,11 +68,13 @@ class Parameters:
         """The field of this format, if there is one."""
         return next((self.fields[name] for name, one in self._properties.items() if _form(one) == form), None)
 
-    async def photos_taken(self, button: ui.button) -> None:
+    async def photos_taken(self, button: ui.button) -> bool:
         """Wait for photos that are on their way, as `FileDrop.all_taken` does."""
-        for field in self.fields.values():
-            if isinstance(field, PhotoField):
-                await field.all_taken(button)
+        fields = [field for field in self.fields.values() if isinstance(field, PhotoField)]
+        while waiting := next((field for field in fields if field.is_waiting), None):
+            if not await waiting.all_taken(button):
+                return False
+        return True
 
     def values(self) -> Json:
         """Values of the fields; empty ones are left out. Raises MalformedJson."""

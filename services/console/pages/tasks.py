@@ -427,7 +427,8 @@ class PostForm:
     # -- posting ---------------------------------------------------------------------------------------
 
     async def _review(self) -> None:
-        await self._shown().photos_taken(self.post)
+        if not await self._shown().photos_taken(self.post):
+            return
         if self._problems():
             self._changed()
             ui.notify("Correct the marked fields first", type="warning")

@@ -192,6 +192,10 @@ def progress_bar(value: float, label: str) -> None:
         ui.element("div").style(f"width: {percent}%")
 
 
+_ARRIVES_S = 60.0
+"""Wall time for which a click waits for a file that is still on its way."""
+
+
 class FileDrop(ui.upload):
     """Takes files that are dropped on it, or chosen with its button. `words` follow those of the button."""
 
@@ -199,6 +203,7 @@ class FileDrop(ui.upload):
         self, words: str, accept: str, take: Callable[[UploadEventArguments], Awaitable[None]], **how: Any
     ) -> None:
         super().__init__(auto_upload=True, on_upload=self._take, **how)
+        self.ignores_events_when_hidden = False  # an upload that has begun ends
         self._handler, self._on_their_way = take, 0
         # The browser says these two in order with what else is done on the page, unlike the upload itself.
         self.on("start", partial(self._count, 1), args=[])
@@ -213,12 +218,23 @@ class FileDrop(ui.upload):
             <span>{words}</span><q-uploader-add-trigger />""",
         )
 
-    async def all_taken(self, button: ui.button) -> None:
-        """Wait for files that are still on their way; so does the button with which the person goes on."""
-        if not self._all_taken.is_set():
+    @property
+    def is_waiting(self) -> bool:
+        """Whether files are still on their way."""
+        return not self._all_taken.is_set()
+
+    async def all_taken(self, button: ui.button) -> bool:
+        """Wait for files that are still on their way; so does the button with which the person goes on.
+        False, which is said, where they take too long."""
+        if self.is_waiting:
             button.disable()
-            await self._all_taken.wait()
-            button.enable()
+            try:
+                await asyncio.wait_for(self._all_taken.wait(), _ARRIVES_S)
+            except TimeoutError:
+                ui.notify("A file has not arrived yet: wait for it, or load the page again", type="warning")
+            finally:
+                button.enable()
+        return not self.is_waiting
 
     async def _take(self, event: UploadEventArguments) -> None:
         self._count(1)

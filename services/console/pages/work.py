@@ -108,7 +108,8 @@ class ExecutorDesk:
             added.set_text(f"{count(len(photos), 'photo')} added")
 
         async def review() -> None:
-            await drop.all_taken(go_on)
+            if not await drop.all_taken(go_on):
+                return
             text = (note.value or "").strip()
             if not text:
                 ui.notify("Say in a sentence what you did", type="warning")

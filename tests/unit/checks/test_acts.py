@@ -519,3 +519,79 @@ def test_a_malformed_act_in_a_report_does_not_hide_the_others(chain: Chain) -> N
     chain.accepted(1, "nonsense", DROP)
     chain.submitted(2)
     assert spent_by(chain.acts, 2, DROP) == 1
+
+
+def again(chain: Chain) -> ConsumedActs:
+    """As `Chain.rebuilt`, by an oracle that has kept what it promised."""
+    acts = ConsumedActs(promised=chain.acts.promised())
+    for event in chain.told:
+        acts.on_event(event)
+    return acts
+
+
+def promised_to_later(chain: Chain) -> None:
+    """Task 2 may be paid for the drop: nobody had the proof of task 1, which was submitted before."""
+    chain.submitted(1)
+    chain.submitted(2, executor="panther2")
+    chain.acts.away(1, 1, True)
+    chain.acts.judged(2, 1, [DROP])
+    assert chain.acts.spent(2, 1, [DROP]) is None
+
+
+def test_what_was_promised_before_a_start_is_promised_after_it(chain: Chain) -> None:
+    promised_to_later(chain)
+    acts = again(chain)
+    acts.judged(1, 1, [DROP])
+    found = acts.spent(1, 1, [DROP], due=True)
+    assert isinstance(found, Wait) and found.on.task_id == 2
+    assert acts.spent(2, 1, [DROP]) is None
+
+
+def test_what_is_kept_while_events_are_still_heard_loses_no_promise(chain: Chain) -> None:
+    promised_to_later(chain)
+    acts = ConsumedActs(promised=chain.acts.promised())
+    acts.on_event(chain.told[0])
+    kept = acts.promised()
+    assert [one.task_id for one in kept.promises] == [2]
+    for event in chain.told[1:]:
+        acts.on_event(event)
+    assert acts.promised() == kept
+
+
+def test_a_promise_outlives_a_reorganization_that_takes_its_proof_off_for_a_while(chain: Chain) -> None:
+    chain.submitted(1)
+    proof = chain.submitted(2, executor="panther2")
+    chain.acts.judged(2, 1, [DROP])
+    chain.acts.away(1, 1, True)
+    assert chain.acts.spent(2, 1, [DROP]) is None
+    chain.acts.promised()
+    chain.undone(proof)
+    chain.submitted(2, executor="panther2")
+    for acts in (chain.acts, again(chain)):
+        acts.judged(1, 1, [DROP])
+        assert isinstance(acts.spent(1, 1, [DROP]), Wait)
+
+
+def test_one_that_may_be_paid_and_claims_more_the_next_time_waits_for_nobody_who_waits_for_it(
+    chain: Chain,
+) -> None:
+    """The chain's list of devices has changed between two verifications."""
+    promised_to_later(chain)
+    acts = again(chain)
+    acts.judged(1, 1, [DROP])
+    acts.judged(2, 1, [DROP, "mocap/item3/120-180"])
+    assert acts.spent(2, 1, [DROP, "mocap/item3/120-180"]) is None
+    assert isinstance(acts.spent(1, 1, [DROP], due=True), Wait)
+
+
+def test_a_last_word_frees_nothing_that_a_ruling_on_its_way_may_pay_for(chain: Chain) -> None:
+    promised_to_later(chain)
+    acts = again(chain)
+    acts.judged(2, 1, [])
+    acts.judged(1, 1, [DROP])
+    assert isinstance(acts.spent(1, 1, [DROP], due=True), Wait)
+    chain.accepted(2, DROP)
+    for event in chain.told[-3:]:
+        acts.on_event(event)
+    acts.read(str(chain.told[-2].args["report"]), [DROP])
+    assert isinstance(acts.spent(1, 1, [DROP]), Spent)

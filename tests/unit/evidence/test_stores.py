@@ -297,6 +297,36 @@ def test_a_server_that_falls_silent_holds_nobody_up(
     assert list((tmp_path / "fetched").iterdir()) == []
 
 
+def test_a_server_that_trickles_or_takes_nothing_holds_nobody_up(
+    shelf: tuple[str, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(upload, "_PATIENCE_S", 0.5)
+    monkeypatch.setattr(upload, "_SLOWEST_BYTES_S", 1 << 30)
+    large = tmp_path / "large.mcap"
+    large.write_bytes(data := bytes(40 << 20))
+    hash_ = "0x" + sha256(data).hexdigest()
+    store, over = store_at(shelf[0], tmp_path), threading.Event()
+
+    def trickle(self: Shelf) -> None:
+        self.send_response(200)
+        self.send_header("Content-Length", str(40 << 20))
+        self.end_headers()
+        while not over.wait(0.05):
+            self.wfile.write(bytes(1 << 16))
+
+    monkeypatch.setattr(Shelf, "do_PUT", lambda self: over.wait())
+    monkeypatch.setattr(Shelf, "do_HEAD", lambda self: self.send_error(404))
+    try:
+        with pytest.raises(StoreUnavailable, match=r"(?i)timeout"):
+            store.put(large)
+        monkeypatch.setattr(Shelf, "do_HEAD", trickle)
+        monkeypatch.setattr(Shelf, "do_GET", trickle)
+        with pytest.raises(StoreUnavailable, match="too slow"):
+            store.fetch(store.uri_of(hash_, ".mcap"), hash_, folder=tmp_path / "fetched")
+    finally:
+        over.set()
+
+
 def test_a_full_disk_delays_and_leaves_nothing_behind(
     proof: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

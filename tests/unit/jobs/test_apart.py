@@ -19,6 +19,7 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rosbags.rosbag2 import StoragePlugin
@@ -217,6 +218,35 @@ def test_a_store_that_does_not_answer_is_no_verdict(
     broken.symlink_to(broken)  # a disk that answers with an error
     with pytest.raises(StoreUnavailable):
         submitted(site, cleaning, sealed, tmp_path, proof_uri=broken.as_uri())
+
+
+class SlowStore:
+    """A child that is at nine tenths of its time when the proof is here, and takes as long to verify it."""
+
+    def __init__(self, report: Report, limit_s: float) -> None:
+        self.now_s, self._report, self._limit_s = 0.0, report, limit_s
+        self._folder = Path()
+
+    def ask(self, _what: apart.What, folder: Path) -> None:
+        self._folder = folder
+
+    def is_done(self, longest_s: float) -> bool:
+        self.now_s += longest_s
+        if self.now_s > 0.9 * self._limit_s:
+            (self._folder / "fetched").touch()
+        if done := self.now_s > 1.8 * self._limit_s:
+            (self._folder / "report.json").write_bytes(self._report.to_bytes())
+        return done
+
+
+def test_the_time_that_a_store_takes_is_not_taken_from_the_proof(
+    site: Site, cleaning: Take, honest: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    child = SlowStore(honest, site.oracle.time_limit_s)
+    children = SimpleNamespace(take=lambda: child, give_back=lambda *_: None)
+    monkeypatch.setattr(apart, "time", SimpleNamespace(monotonic=lambda: child.now_s))
+    chain, stop = cleaning_chain_record(cleaning), threading.Event()
+    assert verify_apart(site, chain, tmp_path, stop, children=children) == honest  # type: ignore[arg-type]
 
 
 def test_one_that_hangs_keeps_no_other_waiting(

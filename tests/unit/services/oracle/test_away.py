@@ -167,6 +167,53 @@ def test_an_executor_that_could_not_be_asked_until_the_verdict_was_due_has_not_f
     assert "the executor could not be asked" in report.reason
 
 
+def test_a_proof_that_is_missed_again_while_a_look_goes_on_is_not_looked_for_twice(
+    search: Callable[..., Search], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two looks would write one file."""
+    one = search()
+    looking, go_on = threading.Event(), threading.Event()
+
+    def hand_over(_bus: object, _org: str, _wanted: str, path: Path, _most: int) -> bool:
+        assert not looking.is_set()
+        looking.set()
+        assert go_on.wait(HANG_S)
+        path.write_bytes(DATA)
+        return True
+
+    monkeypatch.setattr(away, "hand_over", hand_over)
+    one.begin()
+    assert looking.wait(HANG_S)
+    one.begin()
+    assert one.goes_on()
+    go_on.set()
+    assert one.done.wait(HANG_S)
+    copy = one.missing.copy(one.key)
+    assert copy is not None and copy.read_bytes() == DATA
+
+
+def test_a_look_for_a_submission_that_was_forgotten_meanwhile_leaves_nothing(
+    search: Callable[..., Search], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = search()
+    looking, go_on = threading.Event(), threading.Event()
+
+    def hand_over(_bus: object, _org: str, _wanted: str, path: Path, _most: int) -> bool:
+        looking.set()
+        assert go_on.wait(HANG_S)
+        path.write_bytes(DATA)
+        return True
+
+    monkeypatch.setattr(away, "hand_over", hand_over)
+    one.begin()
+    assert looking.wait(HANG_S)
+    one.missing.forget(one.key)
+    (folder,) = (tmp_path / "proofs").iterdir()
+    go_on.set()
+    wait_until(lambda: not folder.exists())
+    assert one.missing.copy(one.key) is None and not one.done.is_set()
+
+
 @pytest.mark.parametrize("fault", ["the store", "the oracle"])
 def test_a_store_that_cannot_be_read_until_the_verdict_is_due_leaves_it_to_people(
     search: Callable[..., Search], fault: str

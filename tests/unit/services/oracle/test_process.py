@@ -221,7 +221,8 @@ def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
 def submit(oracle: Oracle, task: Task, executor: str = "panther1") -> None:
     seq = 2 * task.id
     oracle.on_event(event(task, seq, "TaskRegistered", kind=task.kind, rules=task.rules_sha256))
-    oracle.on_event(event(task, seq + 1, "ProofSubmitted", attempt=task.attempt, executor=executor))
+    said = {"attempt": task.attempt, "executor": executor, "proof_hash": task.proof_sha256}
+    oracle.on_event(event(task, seq + 1, "ProofSubmitted", **said))
 
 
 class Verifications:
