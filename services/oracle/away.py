@@ -16,13 +16,13 @@ directly where the store cannot be read.
 from __future__ import annotations
 
 import logging
+import secrets
 import shutil
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -107,7 +107,6 @@ class MissingProofs:
         self._found, self._waits, self.stores = found, waits, stores
         self._lock = threading.Lock()
         self._sought: dict[tuple[int, int], _Sought] = {}
-        self._numbers = count()
         self._news = ClockedEvent(clock)
         self._copies: dict[tuple[int, int], Path] = {}
         self._last_words: dict[tuple[int, int], Report] = {}
@@ -123,7 +122,7 @@ class MissingProofs:
                 one.why, one.owner = away.message, away.owner
                 return
         self.forget(key)
-        folder = self._folder / f"{task.id}-{task.attempt}-{next(self._numbers)}"
+        folder = self._folder / f"{task.id}-{task.attempt}-{secrets.token_hex(4)}"
         with self._lock:
             self._sought[key] = _Sought(task, away.message, away.owner, folder)
         log.warning("task %d attempt %d: %s; asking its executor for the proof", *key, away.message)
