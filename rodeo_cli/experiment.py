@@ -129,7 +129,7 @@ def paper(
         else:
             problems = _run(site, out, vary, arrivals, resume, calibrated)
     except KeyboardInterrupt:
-        say(f"stopped; {'the same command' if studied else '--resume'} continues")
+        say(f"stopped; {'the same command runs what is missing' if studied else '--resume continues'}")
         raise typer.Exit(130) from None
     for problem in problems:
         console.print(f"[bold red]not as expected[/]: {escape(problem)}")

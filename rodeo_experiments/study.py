@@ -1,7 +1,8 @@
 """Many runs of an experiment as jobs. A job is a whole site: its tables, when things arrive, and the code.
 
-Equal questions have equal counts and balances as their answer, whichever machine computes it. `python -m
-rodeo_experiments.study FOLDER` is the child that conducts one run, or continues one.
+Equal questions have equal counts and balances as their answer, whichever machine computes it. So a run that
+was interrupted begins anew: one that continues differs by what was going on, a charge for example. `python -m
+rodeo_experiments.study FOLDER` is the child that conducts one run.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ class Runs:
     """Runs of experiments, each a site in a folder of its own. The answer is the record, compressed.
 
     Args:
-        folder: where runs that are not over are kept, so that they continue.
+        folder: where runs that are not over are kept.
     """
 
     name = "run"
@@ -248,12 +249,12 @@ def _lines(tables: dict[str, Any]) -> str:
 
 
 def begin(folder: Path) -> tuple[Path, list[float]]:
-    """Site file and arrivals of the run in `folder`.
-
-    A run that continues has a new port for its chain: others may have taken the first one meanwhile.
-    """
-    asked = Asked.model_validate_json((folder / ASKED).read_bytes())
-    return _write(asked.tables, folder), asked.times_s
+    """Site file and arrivals of the run that begins in `folder`, whatever was left there."""
+    asked, run = Asked.model_validate_json((folder / ASKED).read_bytes()), folder / "run"
+    if run.exists():
+        shutil.rmtree(run)
+    run.mkdir()
+    return _write(asked.tables, run), asked.times_s
 
 
 def _conduct(folder: Path, stop: threading.Event) -> int:
@@ -295,7 +296,7 @@ def _child(folder: Path) -> None:
             said_s = time.monotonic()
             print(f"{100 * share:3.0f} % {text}", flush=True)
 
-    Conduct(site, times_s, folder, say).run().save(folder / "run.json")
+    Conduct(site, times_s, site.parent, say).run().save(folder / "run.json")
 
 
 if __name__ == "__main__":

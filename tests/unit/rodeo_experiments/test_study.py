@@ -132,13 +132,17 @@ def test_a_worker_with_other_code_refuses_the_run_by_name(tmp_path: Path) -> Non
         Runs(tmp_path).do(other.job, threading.Event())
 
 
-def test_a_run_continues_although_its_chains_port_is_taken(tmp_path: Path) -> None:
+def test_a_run_that_was_interrupted_begins_anew(tmp_path: Path) -> None:
+    """Else its balances would depend on where it was interrupted. Its chain's port may be taken by now."""
     given = asked()
     (tmp_path / ASKED).write_text(given.model_dump_json())
-    address = urlsplit(Site.load(begin(tmp_path)[0]).chain.url)
+    first = Site.load(begin(tmp_path)[0])
+    (first.data_dir / "chain").mkdir(parents=True)
+    address = urlsplit(first.chain.url)
     with socket.create_server((address.hostname or "", address.port or 0)):
         again, times_s = begin(tmp_path)
         assert urlsplit(Site.load(again).chain.url).port != address.port
+    assert Site.load(again).data_dir == first.data_dir and not first.data_dir.exists()
     assert times_s == given.times_s
 
 
