@@ -203,7 +203,7 @@ class ConsumedActs:
     """
 
     def __init__(self, tell: Callable[[], None] = lambda: None, promised: Promised | None = None) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
         self._tell = tell
         self._promised = promised or Promised()
         self.news = 0
@@ -238,6 +238,7 @@ class ConsumedActs:
                 self._clear.clear()
                 self._undone.clear()
             self._seq = event.seq
+            self._lock.notify_all()
             if event.task_id is None:
                 return
             events = self._events[event.task_id]
@@ -262,6 +263,8 @@ class ConsumedActs:
     def promised(self) -> Promised:
         """What may be paid for, as far as is not known to have its ruling."""
         with self._lock:
+            for key in [key for key in self._clear if (one := self._find(*key)) is not None and one.over]:
+                del self._clear[key]
             before = self._promised.promises if self._promised.chain == self._chain else []
             now = [
                 Promise(task_id=one.task_id, attempt=one.attempt, proof_sha256=one.proof, acts=sorted(acts))
@@ -297,6 +300,11 @@ class ConsumedActs:
                 changed = one is not kept and (not one.waits or one.executor != kept.executor)
                 if ends or changed:
                     del self._undone[key]
+
+    def heard(self, seq: int, longest_s: float) -> bool:
+        """Wait until the event of this number was heard; whether it was. At a start all are heard again."""
+        with self._lock:
+            return self._lock.wait_for(lambda: self._seq >= seq, longest_s)
 
     def _told(self) -> None:
         self.news += 1
@@ -356,6 +364,13 @@ class ConsumedActs:
                 self._clear.pop((task_id, attempt), None)
             self._told()
 
+    def failed(self, task_id: int, attempt: int) -> None:
+        """An own decision failed: others wait for what was promised, and for nothing else."""
+        with self._lock:
+            if (task_id, attempt) not in self._clear:
+                self._judged[task_id, attempt] = None
+            self._told()
+
     def away(self, task_id: int, attempt: int, is_away: bool) -> None:
         """Note whether the proof of a submission cannot be read yet. Then only later submissions of the same
         executor wait for it. An executor that submits the hash of nothing must not delay others. It must not
@@ -374,7 +389,8 @@ class ConsumedActs:
         replaced. What its own executor claims in a proof that has a ruling is spent until that ruling is
         final: it may be accepted yet, and no honest executor claims one act twice. Somebody else's claim that
         was not accepted holds nobody up. Nor do others' proofs that are not verified yet, once the ruling is
-        `due`: they wait for it then. And what was accepted and may be replaced counts as spent then.
+        `due`: they wait for it then. And what was promised to others, or was accepted and may be replaced,
+        counts as spent then.
         """
         wanted: dict[str, list[Act]] = defaultdict(list)
         for text in claimed:
@@ -414,7 +430,10 @@ class ConsumedActs:
         promised = other.key in self._clear
         if (earlier if promised == (me.key in self._clear) else promised) and other.waits:
             known, theirs = other.key in self._judged, self._judged.get(other.key)
-            if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
+            both = _overlap(wanted, theirs) if theirs is not None else None
+            if both is not None and promised and due and not own:
+                return Spent(both[0].text, other, both[1].text, earlier, own)
+            if not known or both is not None:
                 was = "was submitted earlier" if earlier else "may be paid for it"
                 return Wait(other, f"it {was} and has no ruling yet")
         return None
@@ -448,6 +467,8 @@ def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
         said = "was paid for"
     elif found.by.accepted:
         said = "was accepted"
+    elif found.by.waits:
+        said = "may be paid for"
     else:
         said = "is with auditors" if found.by.passed_on else "has a ruling that may be replaced"
     fault = None

@@ -34,9 +34,9 @@ from rodeo.host.files import writing
 from rodeo.host.proxies import proxy_of
 from rodeo.site.config import Site
 
-_CONNECT_S, _SILENCE_S, _REQUEST_S = 15.0, 60.0, 300.0
-"""How long HTTP stores may take to be reached, to go on with an answer, and for a whole request, which asks
-for a part of a file or puts a whole one."""
+_CONNECT_S, _SILENCE_S, _REQUEST_S = 15.0, 120.0, 300.0
+"""How long HTTP stores may take to be reached, to continue an answer, and to give what one request asks for,
+which is a part of a file."""
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json|jpg|png)$")
 
 
@@ -267,12 +267,13 @@ def _is_missing(error: FileNotFoundError, uri: str) -> bool:
 
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:
-    """SHA-256 hex of a stream of at most `max_bytes`, written to `copy` on the way."""
+    """SHA-256 hex of a stream of at most `max_bytes`, written to `copy` on the way, for which others wait."""
     digest, size, begun_s = sha256(), 0, time.monotonic()
     for block in blocks(stream):
         size += len(block)
         _check_size(size, max_bytes)
-        if (taken_s := time.monotonic() - begun_s) > longest_s(size):
+        taken_s = time.monotonic() - begun_s
+        if copy is not None and taken_s > longest_s(size):
             raise StoreUnavailable("the store is too slow", bytes=size, after_s=round(taken_s))
         digest.update(block)
         if copy is not None:

@@ -16,13 +16,13 @@ directly where the store cannot be read.
 from __future__ import annotations
 
 import logging
-import secrets
 import shutil
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -50,6 +50,9 @@ _SEEKERS = 4
 """Proofs looked for at the same time: one store that hangs must not keep the others waiting."""
 _MARGIN_SHARE = 0.25
 """Largest share of a verdict window that is kept for the verdict on a proof that turned up late."""
+
+_NUMBERS = count()
+"""Numbers for folders."""
 
 Owner = Literal["executor", "store", "oracle"]
 
@@ -122,7 +125,7 @@ class MissingProofs:
                 one.why, one.owner = away.message, away.owner
                 return
         self.forget(key)
-        folder = self._folder / f"{task.id}-{task.attempt}-{secrets.token_hex(4)}"
+        folder = self._folder / f"{task.id}-{task.attempt}-{next(_NUMBERS)}"
         with self._lock:
             self._sought[key] = _Sought(task, away.message, away.owner, folder)
         log.warning("task %d attempt %d: %s; asking its executor for the proof", *key, away.message)
@@ -239,6 +242,8 @@ class MissingProofs:
                 log.info("task %d attempt %d: %s", *key, said)
                 self._found(*key)
             self._looked.set()
+            if copy is not None:
+                self._put(copy)
 
     def _obtain(self, one: _Sought) -> Path | None:
         """The proof, from the store or from its executor; with None, `one` has the reason."""
@@ -255,7 +260,6 @@ class MissingProofs:
             one.folder.mkdir(parents=True, exist_ok=True)
             path = one.folder / f"{wanted.removeprefix('0x')}.mcap"
             if hand_over(self._bus, self._site.org, wanted, path, self._site.store.max_bytes):
-                self._put(path)
                 return path
             one.was_asked |= self._bus.connected
         except BusError as error:
@@ -274,9 +278,10 @@ class MissingProofs:
         return None
 
     def _put(self, path: Path) -> None:
+        """After it was found: its verdict waits for no store, and it may be over before this is."""
         try:
             self._store.put(path)
-        except EvidenceError as error:
+        except (EvidenceError, OSError) as error:
             log.warning("the proof is verified, but cannot be stored: %s", error)
 
     # -- patience --------------------------------------------------------------------------------------

@@ -72,6 +72,8 @@ Answer = TypeVar("Answer")
 class PromisesLost(RodeoError):
     """The file that says what submissions may be paid for is damaged."""
 
+    restart_cures = False
+
 
 class IndexBehind(RodeoError):
     """The bridge's answer is older than an event that it published before."""
@@ -90,7 +92,10 @@ class Oracle:
     def __init__(self, process: Process, name: str, wallet: Participant) -> None:
         self.process, self._wallet = process, wallet
         self._site, self._kinds, self._clock = process.site, kinds_of(process.site), process.clock
-        promised = read_model(Promised, process.data_dir / PROMISED, PromisesLost, "what may be paid for")
+        words = (
+            "cannot read what may be paid for; delete the file once the chain has all rulings of this oracle"
+        )
+        promised = read_model(Promised, process.data_dir / PROMISED, PromisesLost, words)
         self.acts = ConsumedActs(self._clock.notify, promised)
         self.reports = Reports(process, self.acts)
         self.line = Line(
@@ -240,7 +245,10 @@ class Oracle:
         may_be_paid = report.outcome in ("accepted", "undecided")  # people may accept an undecided proof
         self.acts.judged(task_id, attempt, report.acts if may_be_paid else [])
         if may_be_paid:
-            check = self.reports.unspent(task, report.acts, partial(self.status.publish, key))
+            newest = self._until_answered(lambda: self._wallet.ask(queries.CHAIN).last_seq, task)
+            if newest is None:
+                return
+            check = self.reports.unspent(task, report.acts, newest, partial(self.status.publish, key))
             if check is None:
                 return
             report = report.with_checks(check)

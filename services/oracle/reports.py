@@ -62,7 +62,9 @@ class Reports:
             own.parent.mkdir(parents=True, exist_ok=True)
             replace_file(own, data.decode())
         with self._writing:
-            replace_file(self._promised, self._acts.promised().model_dump_json())
+            promised = self._acts.promised().model_dump_json()
+            if not self._promised.exists() or self._promised.read_text() != promised:
+                replace_file(self._promised, promised)
         try:
             uri = self.store.put(own)
         except EvidenceError as error:
@@ -73,15 +75,19 @@ class Reports:
         self._acts.read("0x" + sha256, report.acts)
         return uri, "0x" + sha256
 
-    def unspent(self, task: Task, claimed: list[str], tell: Callable[[str], None]) -> Check | None:
+    def unspent(
+        self, task: Task, claimed: list[str], newest: int, tell: Callable[[str], None]
+    ) -> Check | None:
         """The check that nobody was paid before for the acts that a proof claims; None if no verdict is
         needed any more. `tell` gets the reason why it waits.
 
-        Waits while that is unknown: for the verdicts of earlier submissions that may claim it, too, and for
-        reports that cannot be fetched. Once the verdict is due it waits no longer for what others have in
-        line: an executor with many proofs must not cost others the pay.
+        Waits until all events up to the `newest` were heard, for the verdicts of earlier submissions that may
+        claim one of these acts, too, and for reports that cannot be fetched. Once the verdict is due it waits
+        no longer for what others have in line: an executor with many proofs must not cost others the pay.
         """
         key = task.id, task.attempt
+        while self._acts.waits(*key) and not self._acts.heard(newest, RETRY_S) and not self._stop.is_set():
+            tell(f"task {task.id} waiting for events up to number {newest}")
         said: str | None = None
         while not self._stop.is_set():
             news = self._acts.news

@@ -201,7 +201,7 @@ class Line:
             except Exception:
                 # The next proof must get its verdict whatever happened to this one.
                 log.exception("task %d attempt %d got no verdict", task_id, attempt)
-                self._acts.judged(task_id, attempt, None)
+                self._acts.failed(task_id, attempt)
             finally:
                 with self._lock:
                     word = self._in_work.pop(key)

@@ -224,14 +224,17 @@ class FileDrop(ui.upload):
         return not self._all_taken.is_set()
 
     async def all_taken(self, button: ui.button) -> bool:
-        """Wait for files that are still on their way; so does the button with which the person goes on.
+        """Wait for files that are still on their way; so does the button with which the person continues.
         False, which is said, where they take too long."""
         if self.is_waiting:
             button.disable()
             try:
                 await asyncio.wait_for(self._all_taken.wait(), _ARRIVES_S)
             except TimeoutError:
-                ui.notify("A file has not arrived yet: wait for it, or load the page again", type="warning")
+                if not button.is_deleted:
+                    ui.notify(
+                        "A file has not arrived yet: wait for it, or load the page again", type="warning"
+                    )
             finally:
                 button.enable()
         return not self.is_waiting

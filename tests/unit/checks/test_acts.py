@@ -542,9 +542,16 @@ def test_what_was_promised_before_a_start_is_promised_after_it(chain: Chain) -> 
     promised_to_later(chain)
     acts = again(chain)
     acts.judged(1, 1, [DROP])
-    found = acts.spent(1, 1, [DROP], due=True)
+    found = acts.spent(1, 1, [DROP])
     assert isinstance(found, Wait) and found.on.task_id == 2
     assert acts.spent(2, 1, [DROP]) is None
+    due = acts.spent(1, 1, [DROP], due=True)
+    assert isinstance(due, Spent)
+    check = acts_unspent([DROP], due)
+    assert f'"{DROP}" may be paid for in task 2' in (check.detail or "") and check.fault is not None
+    acts.failed(2, 1)
+    assert isinstance(acts.spent(1, 1, [DROP]), Wait)
+    assert [one.task_id for one in acts.promised().promises] == [2]
 
 
 def test_what_is_kept_while_events_are_still_heard_loses_no_promise(chain: Chain) -> None:
@@ -581,7 +588,7 @@ def test_one_that_may_be_paid_and_claims_more_the_next_time_waits_for_nobody_who
     acts.judged(1, 1, [DROP])
     acts.judged(2, 1, [DROP, "mocap/item3/120-180"])
     assert acts.spent(2, 1, [DROP, "mocap/item3/120-180"]) is None
-    assert isinstance(acts.spent(1, 1, [DROP], due=True), Wait)
+    assert isinstance(acts.spent(1, 1, [DROP]), Wait)
 
 
 def test_a_last_word_frees_nothing_that_a_ruling_on_its_way_may_pay_for(chain: Chain) -> None:
@@ -589,7 +596,7 @@ def test_a_last_word_frees_nothing_that_a_ruling_on_its_way_may_pay_for(chain: C
     acts = again(chain)
     acts.judged(2, 1, [])
     acts.judged(1, 1, [DROP])
-    assert isinstance(acts.spent(1, 1, [DROP], due=True), Wait)
+    assert isinstance(acts.spent(1, 1, [DROP]), Wait)
     chain.accepted(2, DROP)
     for event in chain.told[-3:]:
         acts.on_event(event)

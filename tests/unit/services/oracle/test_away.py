@@ -172,10 +172,10 @@ def test_a_proof_that_is_missed_again_while_a_look_goes_on_is_not_looked_for_twi
 ) -> None:
     """Two looks would write one file."""
     one = search()
-    looking, go_on = threading.Event(), threading.Event()
+    looking, go_on, looks = threading.Event(), threading.Event(), list[Path]()
 
     def hand_over(_bus: object, _org: str, _wanted: str, path: Path, _most: int) -> bool:
-        assert not looking.is_set()
+        looks.append(path)
         looking.set()
         assert go_on.wait(HANG_S)
         path.write_bytes(DATA)
@@ -190,6 +190,7 @@ def test_a_proof_that_is_missed_again_while_a_look_goes_on_is_not_looked_for_twi
     assert one.done.wait(HANG_S)
     copy = one.missing.copy(one.key)
     assert copy is not None and copy.read_bytes() == DATA
+    assert looks == [copy]
 
 
 def test_a_look_for_a_submission_that_was_forgotten_meanwhile_leaves_nothing(

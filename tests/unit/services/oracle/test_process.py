@@ -471,7 +471,7 @@ def test_once_a_verdict_is_due_no_clock_jumps_to_the_windows_end_while_a_report_
     monkeypatch.setattr(judge.acts, "spent", lambda *_, **__: Wait(other, "its report is missing"))
     for deadline_s in (time.time() + 3600, time.time()):
         stop.clear()
-        reports.unspent(task.model_copy(update={"verdict_deadline": deadline_s}), [], lambda _why: None)
+        reports.unspent(task.model_copy(update={"verdict_deadline": deadline_s}), [], 0, lambda _why: None)
     assert [(until_s is None, resting) for until_s, resting in waits] == [(False, True), (True, False)]
 
 
@@ -694,6 +694,27 @@ def test_what_may_be_paid_for_is_promised_to_nobody_else_after_a_restart(
         (second.id, "accepted"),
         (first.id, "undecided"),
     ]
+
+
+def test_nothing_is_paid_for_before_all_was_heard_that_the_index_has(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An oracle that starts hears of a submission before it hears who was paid for the same act meanwhile."""
+    monkeypatch.setattr(apart, "verify_apart", lambda *_, **__: ACCEPTED)
+    monkeypatch.setitem(_ANSWERS, "chain", answers.chain(chain_id=1, last_seq=900))
+    judge, paid = oracle(), bridge.other()
+    told: list[str] = []
+    judge.process.activity = lambda text, *_, **__: told.append(text)  # type: ignore[method-assign]
+    submit(judge, bridge.current, "first")
+    wait_until(lambda: bridge.verdicts or any("waiting for events" in text for text in told))
+    assert not bridge.verdicts
+    said = {"attempt": paid.attempt, "ruling": "accepted", "report": "0x" + "55" * 32}
+    judge.acts.read(said["report"], ACCEPTED.acts)
+    submit(judge, paid, "second")
+    for seq, name in ((898, "Reported"), (899, "Ruled"), (900, "TaskSettled")):
+        judge.on_event(event(paid, seq, name, report_uri="", reason="", **said))
+    assert bridge.posted.wait(HANG_S)
+    assert [(one.task_id, one.ruling) for one in bridge.verdicts] == [(bridge.current.id, "undecided")]
 
 
 def test_a_last_word_waits_for_no_verification(
