@@ -270,5 +270,4 @@ def test_a_whole_site_settles_a_cleaning_and_a_charge_and_each_is_paid_by_the_on
         "organization": charge.paid_iec,
     }
     for name in running.children:
-        status = running.status(name)
-        assert status.ready, status
+        running.wait_for_status(name, lambda one: one.ready)

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from rodeo.chain import artifacts
-from rodeo_testing.waiting import wait_until
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.clock import publish_clock
 from tests.support.evm import error_string
 from tests.support.foundry import Cast
@@ -32,7 +32,8 @@ def wait_until_up(url: str) -> None:
 
 
 def rpc(url: str, method: str, *params: Any) -> Any:
-    reply = httpx.post(url, json={"jsonrpc": "2.0", "id": 1, "method": method, "params": list(params)})
+    asked = {"jsonrpc": "2.0", "id": 1, "method": method, "params": list(params)}
+    reply = httpx.post(url, json=asked, timeout=HANG_S)
     return reply.json()["result"]
 
 
@@ -128,7 +129,7 @@ def test_a_batch_over_http_is_answered_in_order(url: str, coin: str) -> None:
         },
         {"jsonrpc": "2.0", "id": 3, "method": "eth_noSuchThing", "params": []},
     ]
-    chain_id, balance, unknown = httpx.post(url, json=batch).json()
+    chain_id, balance, unknown = httpx.post(url, json=batch, timeout=HANG_S).json()
     assert chain_id == {"jsonrpc": "2.0", "id": 1, "result": "0x7a69"}
     assert int(balance["result"], 16) == 1_000
     assert (unknown["id"], unknown["error"]["code"]) == (3, -32601)

@@ -358,9 +358,9 @@ def test_other_sites_can_neither_post_nor_listen_with_somebodys_cookie(desk: Off
     url = f"{desk.origin.replace('http', 'ws')}/_nicegui_ws/socket.io/"
     url += f"?EIO=4&transport=websocket&client_id={client_id[1]}"
     with pytest.raises(InvalidStatus) as refused:
-        connect(url, origin=Origin("http://evil.example"), additional_headers=cookie)
+        connect(url, origin=Origin("http://evil.example"), additional_headers=cookie, open_timeout=HANG_S)
     assert refused.value.response.status_code == 403
-    with connect(url, origin=Origin(desk.origin)) as stranger:
+    with connect(url, origin=Origin(desk.origin), open_timeout=HANG_S) as stranger:
         assert str(stranger.recv(60)).startswith("0")
         stranger.send("40")
         assert stranger.recv(60) == '44{"message":"Implicit handshake failed"}'
@@ -666,6 +666,7 @@ def test_an_administrator_makes_an_account_which_its_owner_makes_their_own(desk:
     expect(row(page, "Accounts", name)).to_contain_text("auditor")
 
     own = desk.browser.new_page(base_url=desk.origin)
+    own.set_default_timeout(1e3 * HANG_S)
     own.goto("/accounts")
     log_in(own, name, "first passphrase")
     own.get_by_role("button", name="Set a new one").click()

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, sync_playwright
 
+from rodeo_testing.waiting import HANG_S
+
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 
 
@@ -25,6 +27,7 @@ def chromium(three_d: bool = True) -> Iterator[Browser]:
     """No name but this machine's resolves in it. `three_d`: WebGL, by the processor."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
+            timeout=1e3 * HANG_S,
             executable_path=chromium_path(),
             args=[
                 "--no-sandbox",

@@ -18,7 +18,7 @@ from rodeo.bus.session import Bus
 from rodeo.ros2 import types, wire
 from rodeo.site import topics
 from rodeo.site.config import Site
-from rodeo_testing.waiting import wait_until
+from rodeo_testing.waiting import HANG_S, wait_until
 from services.console import glance as glance_module
 from services.console.live import Live
 from services.robot_sim.messages import planar_pose, pose_stamped
@@ -116,7 +116,8 @@ class Following:
 
 
 @pytest.fixture
-def following(connect: Callable[[], zenoh.Session]) -> Iterator[Following]:
+def following(connect: Callable[[], zenoh.Session], monkeypatch: pytest.MonkeyPatch) -> Iterator[Following]:
+    monkeypatch.setattr(glance_module, "_ASKED_S", HANG_S)  # no look gives up because the machine is slow
     with Bus(connect()) as bus:
         following = Following(bus, Site.load(LAB))
         with following.running():
