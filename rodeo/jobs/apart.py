@@ -239,10 +239,10 @@ class _Child:
         except OSError:
             return False
 
-    def end(self, grace_s: float = _SIGNAL_GRACE_S) -> int:
+    def end(self, at_once: bool = False) -> int:
         """End it; the exit status."""
         self._pipe.close()  # it ends when nobody can ask it
-        self._process.join(grace_s)
+        self._process.join(0.0 if at_once else _SIGNAL_GRACE_S)
         self._process.kill()
         self._process.join()
         assert self._process.exitcode is not None
@@ -268,7 +268,7 @@ def _once(what: What, scratch: Path, stop: threading.Event, time_limit_s: float,
             report = Report.model_validate_json(path.read_bytes())
             children.give_back(child, report.accepted)
             return _Once(report)
-        exit_status = child.end(_SIGNAL_GRACE_S if is_done else 0.0)
+        exit_status = child.end(at_once=not is_done)
         if away.exists():
             said = read_json(away.read_bytes())
             raise _AWAY_FOR[said["code"]](said["message"], **said["details"])

@@ -329,8 +329,7 @@ def test_a_child_of_several_verifies_the_next_proof_until_it_meets_one_that_it_d
     children: Children,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    end = apart._Child.end
-    monkeypatch.setattr(apart._Child, "end", lambda self, _grace_s=0.0: end(self, HANG_S))
+    monkeypatch.setattr(apart, "_SIGNAL_GRACE_S", HANG_S)
     others = verifying()
     assert submitted(site, cleaning, sealed, tmp_path, children=children).accepted
     first = verifying() - others
