@@ -152,6 +152,7 @@ class Runs:
         record = folder / "run.json"
         status = 0 if record.exists() else _conduct(folder, stop)
         if stop.is_set() and not record.exists():
+            shutil.rmtree(folder / "run", ignore_errors=True)
             raise Interrupted("stopped while a run was conducted", job=job.key)
         if not record.exists():
             raise JobFailed("the run did not reach its end", log=tail(folder / "log"), exit_status=status)
@@ -251,8 +252,8 @@ def _lines(tables: dict[str, Any]) -> str:
 def begin(folder: Path) -> tuple[Path, list[float]]:
     """Site file and arrivals of the run that begins in `folder`, whatever was left there."""
     asked, run = Asked.model_validate_json((folder / ASKED).read_bytes()), folder / "run"
-    if run.exists():
-        shutil.rmtree(run)
+    if run.exists():  # what still ends there may write a little longer
+        shutil.rmtree(run.rename(Path(tempfile.mkdtemp(dir=folder)) / "run"), ignore_errors=True)
     run.mkdir()
     return _write(asked.tables, run), asked.times_s
 
@@ -287,6 +288,8 @@ def _child(folder: Path) -> None:
     signal.signal(signal.SIGTERM, interrupt)
     die_with(os.getppid(), signal.SIGTERM)
     lock_instance(folder, _END_S)  # the child of a command that was killed may still be ending
+    if (folder / "run.json").exists():
+        return
     site, times_s = begin(folder)
     said_s = 0.0
 

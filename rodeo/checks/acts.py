@@ -263,7 +263,8 @@ class ConsumedActs:
     def promised(self) -> Promised:
         """What may be paid for, as far as is not known to have its ruling."""
         with self._lock:
-            for key in [key for key in self._clear if (one := self._find(*key)) is not None and one.over]:
+            paid = [key for key in self._clear if (one := self._find(*key)) and one.over and one.accepted]
+            for key in paid:
                 del self._clear[key]
             before = self._promised.promises if self._promised.chain == self._chain else []
             now = [
@@ -380,7 +381,14 @@ class ConsumedActs:
             self._told()
 
     def spent(
-        self, task_id: int, attempt: int, claimed: Iterable[str], *, due: bool = False
+        self,
+        task_id: int,
+        attempt: int,
+        claimed: Iterable[str],
+        *,
+        due: bool = False,
+        late: bool = False,
+        newest: int = 0,
     ) -> Spent | Wait | None:
         """Whether any of the acts that a submission claims was paid for; None if none was.
 
@@ -389,8 +397,9 @@ class ConsumedActs:
         replaced. What its own executor claims in a proof that has a ruling is spent until that ruling is
         final: it may be accepted yet, and no honest executor claims one act twice. Somebody else's claim that
         was not accepted holds nobody up. Nor do others' proofs that are not verified yet, once the ruling is
-        `due`: they wait for it then. And what was promised to others, or was accepted and may be replaced,
-        counts as spent then.
+        `due`: they wait for it then. And what was accepted and may be replaced counts as spent then; what was
+        promised to others, whose rulings take seconds, when it is `late`. Nothing is told before the event of
+        number `newest` was heard: an index that is made anew tells all again.
         """
         wanted: dict[str, list[Act]] = defaultdict(list)
         for text in claimed:
@@ -400,9 +409,11 @@ class ConsumedActs:
             me = self._find(task_id, attempt)
             if me is None or not wanted:
                 return None
+            if self._seq < newest:
+                return Wait(me, f"of {newest} events {self._seq} were heard")
             wait: Wait | None = None
             for other in sorted(self._claimants(), key=lambda one: one.place):
-                found = None if other.key == me.key else self._in_the_way(other, me, wanted, due)
+                found = None if other.key == me.key else self._in_the_way(other, me, wanted, due, late)
                 if isinstance(found, Spent):
                     return found
                 wait = wait or found
@@ -411,7 +422,7 @@ class ConsumedActs:
             return wait
 
     def _in_the_way(
-        self, other: Submission, me: Submission, wanted: dict[str, list[Act]], due: bool
+        self, other: Submission, me: Submission, wanted: dict[str, list[Act]], due: bool, late: bool
     ) -> Spent | Wait | None:
         """What one other submission has to do with the acts that are `wanted`."""
         earlier, own = other.place < me.place, other.executor == me.executor
@@ -431,7 +442,7 @@ class ConsumedActs:
         if (earlier if promised == (me.key in self._clear) else promised) and other.waits:
             known, theirs = other.key in self._judged, self._judged.get(other.key)
             both = _overlap(wanted, theirs) if theirs is not None else None
-            if both is not None and promised and due and not own:
+            if both is not None and promised and late and not own:
                 return Spent(both[0].text, other, both[1].text, earlier, own)
             if not known or both is not None:
                 was = "was submitted earlier" if earlier else "may be paid for it"

@@ -267,13 +267,13 @@ def _is_missing(error: FileNotFoundError, uri: str) -> bool:
 
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:
-    """SHA-256 hex of a stream of at most `max_bytes`, written to `copy` on the way, for which others wait."""
+    """SHA-256 hex of a stream of at most `max_bytes`, written to `copy` on the way."""
     digest, size, begun_s = sha256(), 0, time.monotonic()
     for block in blocks(stream):
         size += len(block)
         _check_size(size, max_bytes)
         taken_s = time.monotonic() - begun_s
-        if copy is not None and taken_s > longest_s(size):
+        if taken_s > longest_s(size):
             raise StoreUnavailable("the store is too slow", bytes=size, after_s=round(taken_s))
         digest.update(block)
         if copy is not None:

@@ -18,7 +18,7 @@ from fsspec.asyn import sync
 from rodeo.host.files import replacing
 
 BLOCK_BYTES = 1 << 20
-_PATIENCE_S, _SLOWEST_BYTES_S = 100.0, 128 << 10
+_PATIENCE_S, _SLOWEST_BYTES_S = 100.0, 32 << 10
 PART_BYTES = 8 << 20
 """Size of a part of a multipart upload; S3 takes no less than 5 MiB but for the last."""
 

@@ -16,6 +16,7 @@ directly where the store cannot be read.
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 import threading
 import time
@@ -111,11 +112,12 @@ class MissingProofs:
         self._lock = threading.Lock()
         self._sought: dict[tuple[int, int], _Sought] = {}
         self._news = ClockedEvent(clock)
-        self._copies: dict[tuple[int, int], Path] = {}
-        self._last_words: dict[tuple[int, int], Report] = {}
+        self._ended: dict[tuple[int, int], Path | Report] = {}
+        """The proof itself, or the report on one that was unavailable."""
         self._looked = threading.Event()
         """Set once a look has ended since it was last cleared."""
         self._pool = ThreadPoolExecutor(_SEEKERS, thread_name_prefix="seeker")
+        self._storing = ThreadPoolExecutor(1, thread_name_prefix="storing")
 
     def seek(self, task: Task, away: ProofAway) -> None:
         """Look for the task's proof from now on."""
@@ -144,7 +146,8 @@ class MissingProofs:
             return None
 
         self._news.loop(stop, look)
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        for pool in (self._pool, self._storing):
+            pool.shutdown(wait=False, cancel_futures=True)
 
     def _look_around(self) -> bool:
         """Begin the looks that are due; returns whether a verdict is due on any of them."""
@@ -176,21 +179,20 @@ class MissingProofs:
     def copy(self, key: tuple[int, int]) -> Path | None:
         """The proof itself, if it had to be looked for and was found."""
         with self._lock:
-            return self._copies.get(key)
+            return ended if isinstance(ended := self._ended.get(key), Path) else None
 
     def last_word(self, key: tuple[int, int]) -> Report | None:
         """The report on a proof that was unavailable."""
         with self._lock:
-            return self._last_words.get(key)
+            return ended if isinstance(ended := self._ended.get(key), Report) else None
 
     def forget(self, key: tuple[int, int]) -> None:
         """Forget a submission that has its verdict, or is looked for anew."""
         with self._lock:
             self._sought.pop(key, None)
-            self._last_words.pop(key, None)
-            copy = self._copies.pop(key, None)
-        if copy is not None:
-            shutil.rmtree(copy.parent, ignore_errors=True)
+            ended = self._ended.pop(key, None)
+        if isinstance(ended, Path):
+            shutil.rmtree(ended.parent, ignore_errors=True)
 
     def summary(self) -> list[str]:
         """A sentence for each proof that is looked for."""
@@ -216,34 +218,28 @@ class MissingProofs:
                 if not self._waits(*key):
                     self.forget(key)
                     return
-                copy = self._obtain(one)
-                word = None if copy is not None else self._last_word(one)
+                ended = self._obtain(one) or self._last_word(one)
             except Exception:
                 # The next look must come whatever happened in this one.
                 log.exception("looking for the proof of task %d attempt %d failed", *key)
-                copy, word = None, None
+                ended = None
             with self._clock.hold():
                 with self._lock:
                     one.busy = False
                     one.due_s = time.monotonic() + one.pause_s
                     one.pause_s = min(2 * one.pause_s, _PAUSE_S[1])
-                    ends = self._sought.get(key) is one and not (copy is None and word is None)
-                    if ends:
+                    ends = ended is not None and self._sought.get(key) is one
+                    if ended is not None and ends:
                         del self._sought[key]
-                    if ends and copy is not None:
-                        self._copies[key] = copy
-                    if ends and word is not None:
-                        self._last_words[key] = word
-                if copy is None or not ends:
+                        self._ended[key] = ended
+                if not (ends and isinstance(ended, Path)):
                     shutil.rmtree(one.folder, ignore_errors=True)
                 if not ends:
                     return
-                said = "the executor sent the proof" if copy else word and word.reason
+                said = ended.reason if isinstance(ended, Report) else "the executor sent the proof"
                 log.info("task %d attempt %d: %s", *key, said)
                 self._found(*key)
             self._looked.set()
-            if copy is not None:
-                self._put(copy)
 
     def _obtain(self, one: _Sought) -> Path | None:
         """The proof, from the store or from its executor; with None, `one` has the reason."""
@@ -260,6 +256,7 @@ class MissingProofs:
             one.folder.mkdir(parents=True, exist_ok=True)
             path = one.folder / f"{wanted.removeprefix('0x')}.mcap"
             if hand_over(self._bus, self._site.org, wanted, path, self._site.store.max_bytes):
+                self._storing.submit(self._put, self._kept(path))
                 return path
             one.was_asked |= self._bus.connected
         except BusError as error:
@@ -277,12 +274,20 @@ class MissingProofs:
             one.owner = owner_of(error, one.task.proof_uri or "", self._site, self.stores)
         return None
 
+    def _kept(self, path: Path) -> Path:
+        """Another name of the file: its verdict waits for no store, and is over when this one is in it."""
+        kept = path.parent.with_suffix(".kept")
+        kept.mkdir()
+        os.link(path, kept / path.name)
+        return kept / path.name
+
     def _put(self, path: Path) -> None:
-        """After it was found: its verdict waits for no store, and it may be over before this is."""
         try:
             self._store.put(path)
-        except (EvidenceError, OSError) as error:
+        except EvidenceError as error:
             log.warning("the proof is verified, but cannot be stored: %s", error)
+        finally:
+            shutil.rmtree(path.parent, ignore_errors=True)
 
     # -- patience --------------------------------------------------------------------------------------
 

@@ -245,9 +245,7 @@ class Oracle:
         may_be_paid = report.outcome in ("accepted", "undecided")  # people may accept an undecided proof
         self.acts.judged(task_id, attempt, report.acts if may_be_paid else [])
         if may_be_paid:
-            newest = self._until_answered(lambda: self._wallet.ask(queries.CHAIN).last_seq, task)
-            if newest is None:
-                return
+            newest = partial(self._until_answered, lambda: self._wallet.ask(queries.CHAIN).last_seq, task)
             check = self.reports.unspent(task, report.acts, newest, partial(self.status.publish, key))
             if check is None:
                 return

@@ -29,6 +29,8 @@ PROMISED = "promised.json"
 """File of the oracle's folder with what submissions may be paid for."""
 RETRY_S = 1.0
 """Wall time between attempts to reach the bridge or the store."""
+_LATE = 0.5
+"""Share of the margin before its window's end from which a verdict waits for no promise to others."""
 _REPORT_BYTES = 16 << 20
 
 
@@ -76,26 +78,31 @@ class Reports:
         return uri, "0x" + sha256
 
     def unspent(
-        self, task: Task, claimed: list[str], newest: int, tell: Callable[[str], None]
+        self, task: Task, claimed: list[str], newest: Callable[[], int | None], tell: Callable[[str], None]
     ) -> Check | None:
         """The check that nobody was paid before for the acts that a proof claims; None if no verdict is
-        needed any more. `tell` gets the reason why it waits.
+        needed any more. `newest` asks for the number of the last event, and `tell` gets the reason why it
+        waits.
 
-        Waits until all events up to the `newest` were heard, for the verdicts of earlier submissions that may
+        Waits until all events were heard, for the verdicts of earlier submissions that may
         claim one of these acts, too, and for reports that cannot be fetched. Once the verdict is due it waits
         no longer for what others have in line: an executor with many proofs must not cost others the pay.
         """
         key = task.id, task.attempt
-        while self._acts.waits(*key) and not self._acts.heard(newest, RETRY_S) and not self._stop.is_set():
-            tell(f"task {task.id} waiting for events up to number {newest}")
         said: str | None = None
         while not self._stop.is_set():
             news = self._acts.news
             if not self._acts.waits(*key):
                 log.info("task %d attempt %d was decided meanwhile", *key)
                 return None
+            if (last := newest()) is None:
+                return None
+            if not self._acts.heard(last, RETRY_S):
+                tell(f"task {task.id} waiting for events up to number {last}")
+                continue
             due = is_due(task, self._site, self._clock)
-            found = self._acts.spent(*key, claimed, due=due)
+            late = due and is_due(task, self._site, self._clock, _LATE)
+            found = self._acts.spent(*key, claimed, due=due, late=late, newest=last)
             if not isinstance(found, Wait):
                 return acts_unspent(claimed, found)
             why = f"waiting for task {found.on.task_id} attempt {found.on.attempt}: {found.why}"
@@ -104,7 +111,7 @@ class Reports:
                 tell(f"task {task.id} {why}")
                 said = why
             # A clock that jumped to the end of the window would leave no time for the report.
-            until_s = None if due else due_s(task, self._site)
+            until_s = None if late else due_s(task, self._site, _LATE if due else 1.0)
             # No simulated clock waits meanwhile: the awaited event may be that something is due.
             more = ClockedEvent(self._clock, partial(self._has_news, news))
             more.wait(self._stop, until_s=until_s, resting=not due)

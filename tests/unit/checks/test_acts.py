@@ -545,9 +545,10 @@ def test_what_was_promised_before_a_start_is_promised_after_it(chain: Chain) -> 
     found = acts.spent(1, 1, [DROP])
     assert isinstance(found, Wait) and found.on.task_id == 2
     assert acts.spent(2, 1, [DROP]) is None
-    due = acts.spent(1, 1, [DROP], due=True)
-    assert isinstance(due, Spent)
-    check = acts_unspent([DROP], due)
+    assert isinstance(acts.spent(1, 1, [DROP], due=True), Wait)
+    late = acts.spent(1, 1, [DROP], due=True, late=True)
+    assert isinstance(late, Spent)
+    check = acts_unspent([DROP], late)
     assert f'"{DROP}" may be paid for in task 2' in (check.detail or "") and check.fault is not None
     acts.failed(2, 1)
     assert isinstance(acts.spent(1, 1, [DROP]), Wait)
@@ -602,3 +603,33 @@ def test_a_last_word_frees_nothing_that_a_ruling_on_its_way_may_pay_for(chain: C
         acts.on_event(event)
     acts.read(str(chain.told[-2].args["report"]), [DROP])
     assert isinstance(acts.spent(1, 1, [DROP]), Spent)
+
+
+def test_a_promise_outlives_an_end_that_is_undone(chain: Chain) -> None:
+    """Its ruling lost against the window's end, and may win after a reorganization."""
+    promised_to_later(chain)
+    end = chain.event("TaskRequeued", 2)
+    chain.acts.promised()
+    chain.undone(end)
+    chain.acts.judged(1, 1, [DROP])
+    assert isinstance(chain.acts.spent(1, 1, [DROP]), Wait)
+
+
+def test_nobody_waits_for_a_decision_that_failed_before_anything_was_promised(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2, executor="panther2")
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.acts.failed(1, 1)
+    assert chain.acts.spent(2, 1, [DROP]) is None
+
+
+def test_an_index_that_is_made_anew_is_heard_before_anything_is_free(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP)
+    chain.submitted(2)
+    newest = len(chain.told)
+    for event in (chain.told[0], chain.told[-1].model_copy(update={"seq": 2})):
+        chain.acts.on_event(event)  # it counts from 1 again, and has told of a part
+    assert chain.acts.waits(2, 1) and not chain.acts.heard(newest, 0.0)
+    found = chain.acts.spent(2, 1, [DROP], newest=newest)
+    assert isinstance(found, Wait) and "2 were heard" in found.why

@@ -123,13 +123,28 @@ def test_what_the_store_lost_is_put_there_again_by_its_executor(search: Callable
     assert not copy.parent.exists()
 
 
-def test_what_its_executor_cannot_put_anywhere_is_handed_over(search: Callable[..., Search]) -> None:
+def test_what_its_executor_cannot_put_anywhere_is_handed_over(
+    search: Callable[..., Search], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     one = search("s3://elsewhere/{sha256}.mcap")
     one.bus.copy, one.bus.store = DATA, None
+    taken, take, put = threading.Event(), threading.Event(), Store.put
+
+    def put_late(store: Store, path: Path) -> str:
+        taken.set()
+        assert take.wait(HANG_S)
+        return put(store, path)
+
+    monkeypatch.setattr(Store, "put", put_late)
     one.begin()
-    assert one.done.wait(HANG_S)
+    assert one.done.wait(HANG_S)  # the verdict waits for no store
     copy = one.missing.copy(one.key)
     assert copy is not None and copy.read_bytes() == DATA
+    assert taken.wait(HANG_S)
+    one.missing.forget(one.key)
+    take.set()
+    wait_until((tmp_path / "data" / "store" / copy.name).is_file)
+    wait_until(lambda: not list((tmp_path / "proofs").iterdir()))
 
 
 @pytest.mark.parametrize("copy", [b"", b"another" * 1000])

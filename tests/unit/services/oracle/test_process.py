@@ -471,7 +471,8 @@ def test_once_a_verdict_is_due_no_clock_jumps_to_the_windows_end_while_a_report_
     monkeypatch.setattr(judge.acts, "spent", lambda *_, **__: Wait(other, "its report is missing"))
     for deadline_s in (time.time() + 3600, time.time()):
         stop.clear()
-        reports.unspent(task.model_copy(update={"verdict_deadline": deadline_s}), [], 0, lambda _why: None)
+        due = task.model_copy(update={"verdict_deadline": deadline_s})
+        reports.unspent(due, [], lambda: 0, lambda _why: None)
     assert [(until_s is None, resting) for until_s, resting in waits] == [(False, True), (True, False)]
 
 
