@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path("out/audit")
 _SHOWN = 100
-"""Findings that are listed; the page and the JSON have all."""
+"""Findings that are listed; the JSON has all."""
 
 
 @reports_errors
@@ -206,18 +206,21 @@ def _progress() -> Iterator[Callable[[str, int | None], Tell]]:
 
 
 def _print(summary: Summary) -> None:
-    rows = [
-        Row([*_named(one), finding.what if finding.wrong else f"{finding.what} (noted)", finding.detail])
-        for one in summary.verdicts
-        for finding in one.findings
-    ]
-    rows += [Row([*_named(one), "failed", one.unjudged]) for one in summary.failed]
+    rows = []
+    for one in summary.worth_a_look:
+        for finding in one.findings:
+            what = finding.what if finding.wrong else f"{finding.what} (noted)"
+            rows.append(Row([*_named(one), what, finding.detail]))
+        if one.failed:
+            rows.append(Row([*_named(one), "failed", one.unjudged]))
     if rows:
         print_table(("Task", "Attempt", "Chain", "Today", "What", "Why"), rows[:_SHOWN], folds=(5,))
     if len(rows) > _SHOWN:
-        say(f"and {count(len(rows) - _SHOWN, 'line')} more: --report or --json has all")
+        say(f"and {count(len(rows) - _SHOWN, 'line')} more: --json has all")
     for root in summary.odd_roots[:_SHOWN]:
         say(f"root of day {root.root.day} of {root.root.device}: {root.detail}")
+    if len(summary.odd_roots) > _SHOWN:
+        say(f"and {count(len(summary.odd_roots) - _SHOWN, 'root')} more: --json has all")
     for log in filter(None, (one.log for one in summary.failed)):
         errors.print(log, markup=False, highlight=False, soft_wrap=True)
 

@@ -48,7 +48,7 @@ class Study:
         works: list[Work] = [Runs(self.out / "running")]
         planned = {asked.job.key: (setting, asked) for setting, asked in self._planned()}
         local = Local(works, max(1, len(os.sched_getaffinity(0)) // CORES_PER_SITE))
-        found, failed, begun_s = [], [], time.monotonic()
+        found, failed, kept, begun_s = [], [], 0, time.monotonic()
         with Runner(local, elsewhere(works), folder=self.out / "runs") as runner:
             for done in runner.run(asked.job for _, asked in planned.values()):
                 setting, asked = planned[done.job.key]
@@ -57,9 +57,12 @@ class Study:
                 else:
                     run = record_of(done.answer)
                     found.append(Found(setting, run, Figures(run).problems(len(asked.times_s))))
-                over = len(found) + len(failed)
-                left_s = (time.monotonic() - begun_s) / over * (len(planned) - over)
-                say(f"{over} of {count(len(planned), 'run')}, about {left_s / 60:.0f} min left ({done.by})")
+                over, kept = len(found) + len(failed), kept + (done.by == "kept")
+                said = f"{over} of {count(len(planned), 'run')}"
+                if over > kept:
+                    left_s = (time.monotonic() - begun_s) / (over - kept) * (len(planned) - over)
+                    said = f"{said}, about {left_s / 60:.0f} min left"
+                say(f"{said} ({done.by})")
         if not found:
             raise ExperimentFailed("no run reached its end", problems=failed)
         names = list(dict.fromkeys(setting for setting, _ in planned.values()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from rodeo.display.formatting import count, moment
@@ -21,7 +22,7 @@ def page(summary: Summary) -> str:
     body += [f"<p><b>{text(sentence)}</b></p>" for sentence in conclusions(summary)]
     if summary.verdicts:
         body += ["<h2>Verdicts by time</h2>", _timeline(summary.verdicts)]
-    if noted := [one for one in summary.verdicts if one.findings or one.failed]:
+    if noted := summary.worth_a_look:
         rows = [row for one in noted[:_MOST_ROWS] for row in _rows(one)]
         heads = ("Task", "Attempt", "Ruled", "Chain", "Today", "What", "Why")
         body += ["<h2>What is not as the chain has it</h2>", table(rows, heads, len(heads))]
@@ -43,9 +44,9 @@ def conclusions(summary: Summary) -> list[str]:
         "checked any more."
     ]
     if summary.most_wrong is not None:
+        most = math.ceil(1e4 * summary.most_wrong) / 1e4
         said.append(
-            f"With 95 % confidence at most {summary.most_wrong:.2%} of all {summary.known} verdicts of "
-            "oracles are so."
+            f"With 95 % confidence at most {most:.2%} of all {summary.known} verdicts of oracles are so."
         )
     if summary.failed:
         said.append(

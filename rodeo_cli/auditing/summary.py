@@ -33,6 +33,12 @@ class Summary:
         return [one for one in self.verdicts if one.wrong]
 
     @property
+    def worth_a_look(self) -> list[Verdict]:
+        """What is wrong, then what failed, then what is noted: where not all is shown, that must be."""
+        found = (one for one in self.verdicts if one.findings or one.failed)
+        return sorted(found, key=lambda one: (not one.wrong, not one.failed))
+
+    @property
     def failed(self) -> list[Verdict]:
         """Verdicts that could not be judged again, though they should have been."""
         return [one for one in self.verdicts if one.failed]

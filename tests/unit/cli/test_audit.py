@@ -292,6 +292,12 @@ def test_a_store_that_is_not_there_is_no_wrong_verdict(audited: Audited) -> None
         away.rename(store)
 
 
+def test_what_is_wrong_comes_before_what_is_only_noted(audited: Audited) -> None:
+    looked = audited.summary.worth_a_look
+    wrong = [one.wrong for one in looked]
+    assert wrong == sorted(wrong, reverse=True) and sum(wrong) == len(audited.summary.wrong)
+
+
 def test_a_sample_bounds_the_share_of_wrong_verdicts(audited: Audited) -> None:
     some = audited.examine(sample=10)
     assert (len(some.verdicts), some.known) == (10, TASKS)
@@ -309,7 +315,9 @@ def test_a_machine_that_is_too_slow_finds_no_wrong_verdict_and_bounds_nothing(
     deployment = Deployment.load(site.data_dir, CHAIN_ID)
     last = audited.summary.verdicts[RIGHT - 1].attempt.block
     some = examine(hasty, deployment, tmp_path, last=last, sample=2)
-    assert [one.unjudged.partition(":")[0] for one in some.failed] == ["verification_ended"] * 2
+    said = [one.unjudged for one in some.failed]
+    slow = ("verification_ended: ", "the store did not send the proof in time")
+    assert len(said) == 2 and all(one.startswith(slow) for one in said), said
     assert not some.wrong
     assert some.most_wrong == 1.0
 
