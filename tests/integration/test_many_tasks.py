@@ -43,7 +43,8 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: LiveDa
     # back at once.
     again = organization.clean("item3")
     unknown = organization.clean("item99")
-    cancelled = organization.clean("item2")
+    # No service is that cheap, so that nobody begins it before it is cancelled.
+    cancelled = organization.clean("item2", reward_iec="1", allow_wait=True)
     organization.cancel(cancelled)
     assert organization.task(cancelled)["state"] == "cancelled"
     task = ended(organization, "TaskSettled", again)

@@ -81,13 +81,16 @@ def _is_unnamed(role: str, node: dict[str, Any]) -> bool:
     return role in _NAMED and not _said(node, "name").strip()
 
 
+_LOADED_AGAIN = "Execution context was destroyed", "axe is not defined"
+
+
 def _until_none(page: Page, find: Callable[[], list[str]]) -> None:
     def found() -> list[str]:
         try:
             return find()
         except Error as error:
             # A page whose connection was lost for long loads itself again.
-            if "Execution context was destroyed" not in error.message:
+            if not any(said in error.message for said in _LOADED_AGAIN):
                 raise
             return ["the page was loaded again"]
 
