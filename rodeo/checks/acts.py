@@ -398,8 +398,8 @@ class ConsumedActs:
         final: it may be accepted yet, and no honest executor claims one act twice. Somebody else's claim that
         was not accepted holds nobody up. Nor do others' proofs that are not verified yet, once the ruling is
         `due`: they wait for it then. And what was accepted and may be replaced counts as spent then; what was
-        promised to others, whose rulings take seconds, when it is `late`. None is free before the event of
-        number `newest` was heard: an index that is made anew tells all again.
+        promised to others, whose rulings take seconds, when it is `late`. No act is free before the event
+        of number `newest` was heard: an index that is made anew tells all again.
         """
         wanted: dict[str, list[Act]] = defaultdict(list)
         for text in claimed:

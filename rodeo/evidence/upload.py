@@ -19,6 +19,7 @@ from rodeo.host.files import replacing
 
 BLOCK_BYTES = 1 << 20
 _PATIENCE_S, _SLOWEST_BYTES_S = 100.0, 32 << 10
+"""Wall time that a store may take for any file, and bytes a second that it must take or give besides."""
 PART_BYTES = 8 << 20
 """Size of a part of a multipart upload; S3 takes no less than 5 MiB but for the last."""
 

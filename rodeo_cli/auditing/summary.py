@@ -34,7 +34,7 @@ class Summary:
 
     @property
     def worth_a_look(self) -> list[Verdict]:
-        """What is wrong, then what failed, then what is noted: where not all is shown, that must be."""
+        """Wrong verdicts, then failed ones, then notes: a list that is cut leaves out the last."""
         found = (one for one in self.verdicts if one.findings or one.failed)
         return sorted(found, key=lambda one: (not one.wrong, not one.failed))
 

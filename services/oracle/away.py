@@ -275,7 +275,7 @@ class MissingProofs:
         return None
 
     def _kept(self, path: Path) -> Path:
-        """Another name of the file: its verdict waits for no store, and is over when this one is in it."""
+        """A link to the file, for the store: the file itself is removed with its verdict, maybe before."""
         kept = path.parent.with_suffix(".kept")
         kept.mkdir()
         os.link(path, kept / path.name)

@@ -182,23 +182,28 @@ def test_an_executor_that_could_not_be_asked_until_the_verdict_was_due_has_not_f
     assert "the executor could not be asked" in report.reason
 
 
-def test_a_proof_that_is_missed_again_while_a_look_goes_on_is_not_looked_for_twice(
-    search: Callable[..., Search], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two looks would write one file."""
-    one = search()
-    looking, go_on, looks = threading.Event(), threading.Event(), list[Path]()
+def held_hand_over(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Path], threading.Event]:
+    """Files that executors are asked for, and what lets them answer."""
+    looks, go_on = list[Path](), threading.Event()
 
     def hand_over(_bus: object, _org: str, _wanted: str, path: Path, _most: int) -> bool:
         looks.append(path)
-        looking.set()
         assert go_on.wait(HANG_S)
         path.write_bytes(DATA)
         return True
 
     monkeypatch.setattr(away, "hand_over", hand_over)
+    return looks, go_on
+
+
+def test_a_proof_that_is_missed_again_while_a_look_goes_on_is_not_looked_for_twice(
+    search: Callable[..., Search], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two looks would write one file."""
+    one = search()
+    looks, go_on = held_hand_over(monkeypatch)
     one.begin()
-    assert looking.wait(HANG_S)
+    wait_until(lambda: looks)
     one.begin()
     assert one.goes_on()
     go_on.set()
@@ -212,17 +217,9 @@ def test_a_look_for_a_submission_that_was_forgotten_meanwhile_leaves_nothing(
     search: Callable[..., Search], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = search()
-    looking, go_on = threading.Event(), threading.Event()
-
-    def hand_over(_bus: object, _org: str, _wanted: str, path: Path, _most: int) -> bool:
-        looking.set()
-        assert go_on.wait(HANG_S)
-        path.write_bytes(DATA)
-        return True
-
-    monkeypatch.setattr(away, "hand_over", hand_over)
+    looks, go_on = held_hand_over(monkeypatch)
     one.begin()
-    assert looking.wait(HANG_S)
+    wait_until(lambda: looks)
     one.missing.forget(one.key)
     (folder,) = (tmp_path / "proofs").iterdir()
     go_on.set()
